@@ -1,0 +1,169 @@
+//! The weighted non-linear least-squares fit of a signed distance surface to scans.
+//!
+//! [`fit`] is the one way in: it gathers evidence, makes a start ([`start`]), sets up the objective ([`objective`]) with
+//! resolved weights ([`options`]) and minimises it ([`newton`]). The result keeps what the covariance needs: the
+//! objective, the unknowns and the Hessian at the minimum.
+
+mod bordered;
+mod chain;
+mod eikonal;
+mod loss;
+mod newton;
+mod objective;
+mod options;
+mod sampson;
+mod sightings;
+mod start;
+
+use std::ops::ControlFlow;
+
+use thiserror::Error;
+
+pub use bordered::{Bordered, System};
+pub use chain::{InputJet, by_inputs};
+pub use eikonal::EikonalLoss;
+pub use loss::{Curvature, LocalJet};
+pub use newton::{Minimum, Newton, StoppingRule};
+pub use objective::Objective;
+pub(crate) use objective::local_jet;
+pub use options::{FitOptions, Poses, Weighting, Weights};
+pub use sightings::{Placed, Sighting, Sightings, Viewpoint, Weighing};
+pub use start::signed_nearest_return;
+
+use crate::geometry::{Cov3, Pose, Vec2, psd_square_root};
+use crate::scan::{Evidence, LaserScan, Noise, Return, ReturnNoise, returns_of};
+use crate::sparse::{Cholesky, SparseError, Stencil};
+use crate::spline::{Lattice, Surface};
+
+/// Refining poses takes this many numbers at most (control points x pose unknowns): 128 MB a copy.
+const LARGEST_BORDER: usize = 16_000_000;
+
+#[derive(Debug, Error)]
+pub enum FitError {
+    #[error("no return lies inside the map's bounds")]
+    NoEvidence,
+    #[error("the pose covariance of scan {scan} is not positive semi-definite")]
+    PoseCovariance { scan: usize },
+    #[error("the objective is not finite: the input's scale or noise is out of all proportion")]
+    NotFinite,
+    #[error("cancelled")]
+    Cancelled,
+    #[error(transparent)]
+    Sparse(#[from] SparseError),
+}
+
+/// Where a running fit stands; reported at every step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Progress {
+    pub iteration: usize,
+    pub max_iterations: usize,
+    pub objective: f64,
+    /// The gradient's largest entry over the start's.
+    pub relative_gradient: f64,
+}
+
+/// A fit at its end.
+pub struct Fit {
+    pub surface: Surface,
+    pub evidence: Evidence,
+    pub minimum: Minimum,
+    pub weights: Weights,
+    pub weighting: Weighting,
+    /// Stationary within tolerance, and the exact Hessian positive definite.
+    pub converged: bool,
+    pub objective: Objective,
+    /// Coefficients, then pose unknowns.
+    pub unknowns: Vec<f64>,
+    /// Gradient and exact Hessian at the end.
+    pub system: System,
+    /// Set up for the lattice; holds the factor of `system.hessian` where that is positive definite.
+    pub cholesky: Cholesky,
+    /// The poses as the fit leaves them: refined, or as reported.
+    pub poses: Vec<Pose>,
+}
+
+/// Fits a surface. The observer is called at every step; `Break` cancels the fit within that step.
+pub fn fit(
+    scans: &[LaserScan],
+    noise: &Noise,
+    lattice: &Lattice,
+    options: &FitOptions,
+    observer: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
+) -> Result<Fit, FitError> {
+    let returns: Vec<Return> =
+        returns_of(scans).into_iter().filter(|seen| lattice.locate(seen.point).is_some()).collect();
+    if returns.is_empty() {
+        return Err(FitError::NoEvidence);
+    }
+    let refinable = lattice.len().saturating_mul(3 * scans.len()) <= LARGEST_BORDER;
+    let weights = Weights::resolve(options, lattice.resolution, refinable);
+    let viewpoints = viewpoints(scans, noise, &weights)?;
+    let evidence = Evidence::gather(lattice, scans);
+    let stencil = Stencil::of(lattice);
+    let mut cholesky = Cholesky::analyse(&stencil)?;
+    let points: Vec<Vec2> = returns.iter().map(|seen| seen.point).collect();
+    let start = signed_nearest_return(lattice, &points, &evidence, &mut cholesky)?;
+    let weighing = match options.weighting {
+        Weighting::Paper => Weighing::Frozen(sightings::published_weights(&returns, &viewpoints, &start)),
+        Weighting::Calibrated => Weighing::Sampson,
+    };
+    let refined = weights.poses == Poses::Refined;
+    let sightings = Sightings::new(lattice, returns, viewpoints, weighing, refined);
+    let loss = weights.eikonal_loss(options.weighting, lattice.resolution);
+    let objective = Objective::new(lattice.clone(), stencil, sightings, loss, weights.smoothing);
+
+    let mut unknowns = start.coefficients;
+    unknowns.resize(objective.unknowns(), 0.0);
+    let rule = StoppingRule { max_iterations: options.max_iterations, tolerance: options.tolerance };
+    let mut newton = Newton::new(&objective, &mut cholesky);
+    let minimum = newton.minimise(&mut unknowns, &rule, observer)?;
+    let system = newton.system;
+    let coefficients = unknowns[..lattice.len()].to_vec();
+    let poses = corrected(scans, &objective, &unknowns[lattice.len()..]);
+    Ok(Fit {
+        surface: Surface { lattice: lattice.clone(), coefficients },
+        evidence,
+        converged: minimum.relative_gradient <= options.tolerance && minimum.positive_definite,
+        minimum,
+        weights,
+        weighting: options.weighting,
+        objective,
+        unknowns,
+        system,
+        cholesky,
+        poses,
+    })
+}
+
+fn viewpoints(scans: &[LaserScan], noise: &Noise, weights: &Weights) -> Result<Vec<Viewpoint>, FitError> {
+    scans
+        .iter()
+        .enumerate()
+        .map(|(scan, laser)| {
+            let covariance: Cov3 = laser.pose_covariance(noise);
+            let root = psd_square_root(&covariance).ok_or(FitError::PoseCovariance { scan })?;
+            let noise = ReturnNoise {
+                pose: (weights.poses == Poses::Fixed).then_some(covariance),
+                range_variance: noise.sigma_range.powi(2),
+                model_variance: weights.model_sigma.powi(2),
+            };
+            Ok(Viewpoint { position: laser.pose.position(), root, noise })
+        })
+        .collect()
+}
+
+fn corrected(scans: &[LaserScan], objective: &Objective, e: &[f64]) -> Vec<Pose> {
+    let change = |scan| match e.len() {
+        0 => nalgebra::Vector3::zeros(),
+        _ => objective.sightings.correction(scan, e),
+    };
+    scans
+        .iter()
+        .enumerate()
+        .map(|(scan, laser)| (laser.pose, change(scan)))
+        .map(|(pose, change)| Pose::new(pose.x + change.x, pose.y + change.y, pose.theta + change.z))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

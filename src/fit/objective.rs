@@ -1,0 +1,241 @@
+//! The objective of a signed-distance fit, its gradient and its Hessian.
+//!
+//! ```text
+//! f(c, e) = sum over quadrature points  w_e rho(|grad u|^2 - 1)        2 x 2 Gauss points a cell
+//!         + integral of  lambda (u_xx^2 + 2 u_xy^2 + u_yy^2)          thin-plate energy
+//!         + sum over returns  u(X)^2 / (g^T C g)   or   rho_o u(X)^2
+//!         + |e|^2                                                     the poses' prior, where they are refined
+//! ```
+//!
+//! after Arukgoda et al., CASE 2019. There is no factor 1/2. The unknowns are the coefficients `c`, then three numbers `e` a
+//! scan where poses are refined ([`super::sightings`]). A uniform lattice has the same basis values at every cell's
+//! quadrature points, so one table of products serves all cells; the thin-plate energy is the same constant block in
+//! each. Returns are sorted by cell: a step adds one block per occupied cell.
+
+use std::sync::Arc;
+
+use faer::Mat;
+use nalgebra::Matrix3;
+
+use super::bordered::System;
+use super::chain::{by_control_points, by_inputs};
+use super::eikonal::EikonalLoss;
+use super::loss::Curvature;
+use super::sightings::Sightings;
+use crate::geometry::Vec2;
+use crate::sparse::{CellBlock, Stencil, StencilMatrix};
+use crate::spline::{BasisRow, Jet, Lattice, Located, SUPPORT, dot, gather, third_derivatives};
+
+/// The Gauss-Legendre points of order 2 on [0, 1]; each weighs a half.
+const GAUSS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
+
+/// A quadrature point's basis rows and the products a Hessian is made of.
+struct QuadraturePoint {
+    row: BasisRow,
+    xx: CellBlock,
+    xy: CellBlock,
+    yy: CellBlock,
+}
+
+/// The objective over one lattice; see the module.
+pub struct Objective {
+    pub lattice: Lattice,
+    pub stencil: Arc<Stencil>,
+    pub eikonal: EikonalLoss,
+    pub sightings: Sightings,
+    quadrature: Vec<QuadraturePoint>,
+    thin_plate: CellBlock,
+}
+
+impl Objective {
+    /// `smoothing` is the thin-plate weight `lambda`.
+    pub fn new(
+        lattice: Lattice,
+        stencil: Arc<Stencil>,
+        sightings: Sightings,
+        eikonal: EikonalLoss,
+        smoothing: f64,
+    ) -> Self {
+        let h = lattice.resolution;
+        let quadrature = GAUSS
+            .iter()
+            .flat_map(|&w| GAUSS.iter().map(move |&t| (t, w)))
+            .map(|(t, w)| {
+                let row = BasisRow::at(t, w, h);
+                let xx = CellBlock::symmetric_product(&row.dx, &row.dx);
+                let xy = CellBlock::symmetric_product(&row.dx, &row.dy);
+                let yy = CellBlock::symmetric_product(&row.dy, &row.dy);
+                QuadraturePoint { row, xx, xy, yy }
+            })
+            .collect();
+        let thin_plate = thin_plate(h, smoothing);
+        Self { lattice, stencil, eikonal, sightings, quadrature, thin_plate }
+    }
+
+    /// The number of unknowns: control points, then pose unknowns.
+    pub fn unknowns(&self) -> usize {
+        self.lattice.len() + self.sightings.pose_unknowns()
+    }
+
+    /// An empty system of this objective's size.
+    pub fn system(&self) -> System {
+        let poses = self.sightings.pose_unknowns();
+        System {
+            gradient: vec![0.0; self.unknowns()],
+            hessian: StencilMatrix::zeros(self.stencil.clone()),
+            coupling: Mat::zeros(self.lattice.len(), poses),
+            poses: vec![Matrix3::zeros(); poses / 3],
+        }
+    }
+
+    /// The objective's value at the unknowns.
+    pub fn value(&self, unknowns: &[f64]) -> f64 {
+        let (c, e) = unknowns.split_at(self.lattice.len());
+        let mut total = e.iter().map(|e| e * e).sum::<f64>();
+        for cell in self.cells() {
+            let local = gather(c, &self.lattice.support(cell));
+            total += 0.5 * dot(&self.thin_plate.times(&local), &local);
+            for point in &self.quadrature {
+                total += self.eikonal.value(Vec2::new(dot(&point.row.dx, &local), dot(&point.row.dy, &local)));
+            }
+        }
+        for (cell, sightings) in self.sightings.at(&self.lattice, e).by_cell(&self.lattice) {
+            let local = gather(c, &self.lattice.support(cell));
+            for sighting in sightings {
+                let row = self.lattice.row(&sighting.located);
+                let g = Vec2::new(dot(&row.dx, &local), dot(&row.dy, &local));
+                total += self.sightings.loss(sighting, dot(&row.value, &local), g, Curvature::Convex).value;
+            }
+        }
+        total
+    }
+
+    /// The value; gradient and Hessian are written over what `system` held.
+    pub fn assemble(&self, unknowns: &[f64], curvature: Curvature, system: &mut System) -> f64 {
+        let (c, e) = unknowns.split_at(self.lattice.len());
+        system.clear();
+        let surface = self.assemble_surface(c, curvature, system);
+        let sightings = self.assemble_sightings(c, e, curvature, system);
+        for (gradient, e) in system.gradient[c.len()..].iter_mut().zip(e) {
+            *gradient += 2.0 * e;
+        }
+        system.poses.iter_mut().for_each(|block| *block += Matrix3::identity() * 2.0);
+        surface + sightings + e.iter().map(|e| e * e).sum::<f64>()
+    }
+
+    fn assemble_surface(&self, c: &[f64], curvature: Curvature, system: &mut System) -> f64 {
+        let mut total = 0.0;
+        for cell in self.cells() {
+            let support = self.lattice.support(cell);
+            let local = gather(c, &support);
+            let mut block = self.thin_plate;
+            let mut slope = self.thin_plate.times(&local);
+            total += 0.5 * dot(&slope, &local);
+            for point in &self.quadrature {
+                let row = &point.row;
+                let jet = self.eikonal.jet(Vec2::new(dot(&row.dx, &local), dot(&row.dy, &local)), curvature);
+                total += jet.value;
+                for k in 0..SUPPORT {
+                    slope[k] += jet.gradient.x * row.dx[k] + jet.gradient.y * row.dy[k];
+                }
+                block.add_scaled(jet.hessian[(0, 0)], &point.xx);
+                block.add_scaled(2.0 * jet.hessian[(0, 1)], &point.xy);
+                block.add_scaled(jet.hessian[(1, 1)], &point.yy);
+            }
+            support.iter().zip(&slope).for_each(|(&k, s)| system.gradient[k] += s);
+            system.hessian.add_cell(support[0], &block);
+        }
+        total
+    }
+
+    fn assemble_sightings(&self, c: &[f64], e: &[f64], curvature: Curvature, system: &mut System) -> f64 {
+        let mut total = 0.0;
+        for (cell, sightings) in self.sightings.at(&self.lattice, e).by_cell(&self.lattice) {
+            let support = self.lattice.support(cell);
+            let local = gather(c, &support);
+            let (mut block, mut slope) = (CellBlock::ZERO, [0.0; SUPPORT]);
+            for sighting in sightings {
+                let row = self.lattice.row(&sighting.located);
+                let surface = local_jet(&row, &local);
+                let jet = self.sightings.loss(sighting, surface.value, surface.gradient, curvature);
+                total += jet.value;
+                let own = by_control_points(&row, &jet, &mut block);
+                slope.iter_mut().zip(&own).for_each(|(into, own)| *into += own);
+                if self.sightings.refined {
+                    let third = self.third(&sighting.located, &local);
+                    let inputs = by_inputs(&row, &jet, &surface, &third, &sighting.seen, curvature);
+                    let root = &self.sightings.viewpoints[sighting.seen.scan].root;
+                    system.add_pose(sighting.seen.scan, &support, root, &inputs);
+                }
+            }
+            support.iter().zip(&slope).for_each(|(&k, s)| system.gradient[k] += s);
+            system.hessian.add_cell(support[0], &block);
+        }
+        total
+    }
+
+    /// The distance's third derivatives at a located return.
+    pub(crate) fn third(&self, at: &Located, local: &[f64; SUPPORT]) -> [f64; 4] {
+        third_derivatives(&self.lattice, at, local)
+    }
+
+    /// What damping adds: the Hessian of `integral of |grad u|^2`, scaled so that one of it outweighs the most
+    /// negative curvature the squared Eikonal loss can have, and a little of the identity.
+    ///
+    /// Negative curvature arises in gradient space, so it is damped there: smooth, long-wave changes, which are what the
+    /// long thin valleys inside rooms need, go nearly undamped. With the identity alone a fit takes half as many
+    /// steps again.
+    pub fn damping(&self) -> StencilMatrix {
+        const IDENTITY_SHARE: f64 = 0.01;
+        let mut damping = StencilMatrix::zeros(self.stencil.clone());
+        let mut block = CellBlock::ZERO;
+        for point in &self.quadrature {
+            block.add_scaled(8.0 * self.eikonal.weight, &point.xx);
+            block.add_scaled(8.0 * self.eikonal.weight, &point.yy);
+        }
+        for cell in self.cells() {
+            damping.add_cell(self.lattice.support(cell)[0], &block);
+        }
+        let diagonal = damping.diagonal();
+        let mean = diagonal.iter().sum::<f64>() / diagonal.len() as f64;
+        damping.shift_diagonal(|_| IDENTITY_SHARE * mean);
+        damping
+    }
+
+    fn cells(&self) -> impl Iterator<Item = [usize; 2]> + use<> {
+        let [nx, ny] = self.lattice.cells;
+        (0..ny).flat_map(move |j| (0..nx).map(move |i| [i, j]))
+    }
+}
+
+/// A surface's jet from its basis row and its cell's coefficients.
+#[inline]
+pub(crate) fn local_jet(row: &BasisRow, local: &[f64; SUPPORT]) -> Jet {
+    let xy = dot(&row.dxy, local);
+    Jet {
+        value: dot(&row.value, local),
+        gradient: Vec2::new(dot(&row.dx, local), dot(&row.dy, local)),
+        hessian: crate::geometry::Cov2::new(dot(&row.dxx, local), xy, xy, dot(&row.dyy, local)),
+    }
+}
+
+/// The Hessian block of the thin-plate energy over one cell: exact, since 4 Gauss points a side integrate degree 7.
+fn thin_plate(h: f64, weight: f64) -> CellBlock {
+    const POINTS: [(f64, f64); 4] = [
+        (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
+        (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),
+        (0.669_990_521_792_428_1, 0.326_072_577_431_273_07),
+        (0.930_568_155_797_026_3, 0.173_927_422_568_726_93),
+    ];
+    let mut block = CellBlock::ZERO;
+    for (t, t_weight) in POINTS {
+        for (w, w_weight) in POINTS {
+            let row = BasisRow::at(t, w, h);
+            let scale = 2.0 * weight * t_weight * w_weight * h * h;
+            block.add_scaled(scale, &CellBlock::symmetric_product(&row.dxx, &row.dxx));
+            block.add_scaled(2.0 * scale, &CellBlock::symmetric_product(&row.dxy, &row.dxy));
+            block.add_scaled(scale, &CellBlock::symmetric_product(&row.dyy, &row.dyy));
+        }
+    }
+    block
+}

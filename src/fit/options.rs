@@ -1,0 +1,120 @@
+//! What a caller may choose about a fit, and what became of it.
+
+use serde::{Deserialize, Serialize};
+
+use super::eikonal::EikonalLoss;
+
+/// Which objective is minimised.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Weighting {
+    /// The published objective and constants.
+    Paper,
+    /// Robust at the cut locus, Sampson's distance at returns, poses refined: what the accuracy and coverage tests hold.
+    #[default]
+    Calibrated,
+}
+
+/// Whether the scans' poses are unknowns of the fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Poses {
+    Fixed,
+    Refined,
+}
+
+/// A fit's options. What is `None` follows from the weighting.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FitOptions {
+    pub weighting: Weighting,
+    pub poses: Option<Poses>,
+    pub max_iterations: usize,
+    /// The relative gradient at which a fit counts as stationary.
+    pub tolerance: f64,
+    /// `rho_e`: per quadrature point for `paper`, per square metre for `calibrated`.
+    pub eikonal_weight: Option<f64>,
+    /// The Geman-McClure scale of `calibrated`; without a unit.
+    pub eikonal_scale: Option<f64>,
+    /// The thin-plate weight of `calibrated`, per metre squared.
+    pub smoothing: Option<f64>,
+}
+
+impl Default for FitOptions {
+    fn default() -> Self {
+        Self {
+            weighting: Weighting::Calibrated,
+            poses: None,
+            max_iterations: 100,
+            tolerance: 1e-8,
+            eikonal_weight: None,
+            eikonal_scale: None,
+            smoothing: None,
+        }
+    }
+}
+
+/// The weights a fit used.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Weights {
+    /// `rho_e`, in the unit that `eikonal_unit` names.
+    pub eikonal: f64,
+    pub eikonal_unit: String,
+    /// The Geman-McClure scale; `null` for the squared loss.
+    pub eikonal_scale: Option<f64>,
+    /// The thin-plate weight.
+    pub smoothing: f64,
+    /// `frozen` (the published form) or `sampson`.
+    pub observation: String,
+    /// The standard deviation that stands for what the spline cannot follow, metres.
+    pub model_sigma: f64,
+    /// Whether the poses were unknowns of the fit.
+    pub poses: Poses,
+}
+
+/// The weights that trials in rooms of a few metres settled on: see numerics notes in ARCHITECTURE.md.
+const CALIBRATED_EIKONAL: f64 = 3000.0;
+const CALIBRATED_SCALE: f64 = 0.2;
+const CALIBRATED_SMOOTHING: f64 = 1.0;
+/// What a spline cannot follow, as a share of its spacing: 5 mm at h = 0.2 m.
+const MODEL_SIGMA_SHARE: f64 = 0.025;
+/// The published weight, per quadrature point.
+const PAPER_EIKONAL: f64 = 0.125;
+
+impl Weights {
+    /// The weights for a lattice of the given resolution. `refinable` says whether refining the poses is affordable.
+    pub fn resolve(options: &FitOptions, resolution: f64, refinable: bool) -> Self {
+        match options.weighting {
+            Weighting::Paper => Self {
+                eikonal: options.eikonal_weight.unwrap_or(PAPER_EIKONAL),
+                eikonal_unit: "per quadrature point".into(),
+                eikonal_scale: options.eikonal_scale,
+                smoothing: options.smoothing.unwrap_or(0.0),
+                observation: "frozen".into(),
+                model_sigma: 0.0,
+                poses: Poses::Fixed,
+            },
+            Weighting::Calibrated => Self {
+                eikonal: options.eikonal_weight.unwrap_or(CALIBRATED_EIKONAL),
+                eikonal_unit: "per m^2".into(),
+                eikonal_scale: Some(options.eikonal_scale.unwrap_or(CALIBRATED_SCALE)),
+                smoothing: options.smoothing.unwrap_or(CALIBRATED_SMOOTHING),
+                observation: "sampson".into(),
+                model_sigma: MODEL_SIGMA_SHARE * resolution,
+                poses: match options.poses {
+                    Some(Poses::Fixed) => Poses::Fixed,
+                    _ if refinable => Poses::Refined,
+                    _ => Poses::Fixed,
+                },
+            },
+        }
+    }
+
+    /// The Eikonal loss per quadrature point of a cell with side `h`.
+    pub(crate) fn eikonal_loss(&self, weighting: Weighting, h: f64) -> EikonalLoss {
+        let weight = match weighting {
+            Weighting::Paper => self.eikonal,
+            Weighting::Calibrated => self.eikonal * h * h / 4.0,
+        };
+        EikonalLoss { weight, scale: self.eikonal_scale }
+    }
+}

@@ -1,0 +1,85 @@
+//! The objective's derivatives against differences, and the fit's promises on experiment 1.
+
+use super::*;
+use crate::sim::Scenario;
+use rand::{RngExt, SeedableRng};
+
+fn fitted(weighting: Weighting, seed: u64) -> Fit {
+    let scenario = Scenario::experiment_one();
+    let lattice = Lattice::covering(&scenario.bounds, 0.4, 100_000).unwrap();
+    let options = FitOptions { weighting, max_iterations: 3, ..Default::default() };
+    fit(&scenario.scans(seed), &scenario.noise, &lattice, &options, &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+/// Central differences of value and gradient along random directions, against the assembled system.
+fn check_derivatives(weighting: Weighting) {
+    let fit = fitted(weighting, 3);
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+    let mut system = fit.objective.system();
+    let at = fit.unknowns.clone();
+    fit.objective.assemble(&at, Curvature::Exact, &mut system);
+    let (mut ahead, mut behind) = (fit.objective.system(), fit.objective.system());
+    for _ in 0..8 {
+        let direction: Vec<f64> = at.iter().map(|_| rng.random_range(-1.0..1.0)).collect();
+        let e = 1e-6;
+        let moved = |t: f64| at.iter().zip(&direction).map(|(x, d)| x + t * d).collect::<Vec<_>>();
+        let value_ahead = fit.objective.assemble(&moved(e), Curvature::Exact, &mut ahead);
+        let value_behind = fit.objective.assemble(&moved(-e), Curvature::Exact, &mut behind);
+        assert!((value_ahead - fit.objective.value(&moved(e))).abs() < 1e-9 * value_ahead);
+        let slope: f64 = system.gradient.iter().zip(&direction).map(|(g, d)| g * d).sum();
+        let difference = (value_ahead - value_behind) / (2.0 * e);
+        let steepest = system.gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
+        assert!((slope - difference).abs() < 1e-6 * steepest, "slope {slope}, difference {difference}");
+        let product = system.times(&direction);
+        let norm = product.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let error = ahead.gradient.iter().zip(&behind.gradient).zip(&product);
+        let error = error.map(|((a, b), p)| ((a - b) / (2.0 * e) - p).powi(2)).sum::<f64>().sqrt();
+        assert!(error < 1e-6 * norm, "Hessian product off by {} relative", error / norm);
+    }
+}
+
+#[test]
+fn derivatives_of_the_published_objective_agree_with_central_differences() {
+    check_derivatives(Weighting::Paper);
+}
+
+#[test]
+fn derivatives_of_the_calibrated_objective_with_poses_agree_with_central_differences() {
+    check_derivatives(Weighting::Calibrated);
+}
+
+#[test]
+fn the_convex_stand_in_has_the_same_gradient_and_no_negative_eigenvalue() {
+    let fit = fitted(Weighting::Calibrated, 5);
+    let (mut exact, mut convex) = (fit.objective.system(), fit.objective.system());
+    let value = fit.objective.assemble(&fit.unknowns, Curvature::Exact, &mut exact);
+    assert_eq!(value, fit.objective.assemble(&fit.unknowns, Curvature::Convex, &mut convex));
+    assert_eq!(exact.gradient, convex.gradient);
+    convex.hessian.shift_diagonal(|_| 1e-9);
+    let mut cholesky = Cholesky::analyse(convex.hessian.stencil()).unwrap();
+    assert!(Bordered::factorise(&convex, &mut cholesky).is_ok());
+}
+
+#[test]
+fn an_observer_can_cancel_within_one_step() {
+    let scenario = Scenario::experiment_one();
+    let lattice = Lattice::covering(&scenario.bounds, 0.4, 100_000).unwrap();
+    let mut seen = 0;
+    let mut stop = |progress: &Progress| {
+        seen = progress.iteration;
+        if progress.iteration == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    let outcome = fit(&scenario.scans(0), &scenario.noise, &lattice, &FitOptions::default(), &mut stop);
+    assert!(matches!(outcome, Err(FitError::Cancelled)));
+    assert_eq!(seen, 2);
+}
+
+#[test]
+fn a_map_without_returns_is_refused() {
+    let scenario = Scenario::experiment_one();
+    let far = crate::geometry::Bounds { min: [100.0, 100.0], max: [102.0, 102.0] };
+    let lattice = Lattice::covering(&far, 0.5, 100_000).unwrap();
+    let outcome =
+        fit(&scenario.scans(0), &scenario.noise, &lattice, &FitOptions::default(), &mut |_| ControlFlow::Continue(()));
+    assert!(matches!(outcome, Err(FitError::NoEvidence)));
+}

@@ -1,0 +1,7 @@
+pub mod fit;
+pub mod geometry;
+pub mod scan;
+pub mod sim;
+pub mod sparse;
+pub mod spline;
+pub mod uncertainty;

@@ -1,0 +1,266 @@
+//! Where there is evidence: what beams passed through, and where they met a surface.
+//!
+//! A raster with [`SUBCELLS`] x [`SUBCELLS`] marks per lattice cell. A mark is *free* where it lies between two
+//! neighbouring beams, nearer than what they met, and *surface* where it lies within half a cell of what was met. Returns
+//! of neighbouring beams belong to one surface where the line between them is not nearly parallel to the beams; the
+//! wedge then ends at that line, else at the nearer return. A beam without a return is evidence of nothing: beside it
+//! only half the wedge counts, the half nearer to the beam that did return.
+
+use super::laser::LaserScan;
+use crate::geometry::{Vec2, distance_to_segment, wrap_angle};
+use crate::spline::Lattice;
+
+/// Marks along a cell's side.
+pub const SUBCELLS: usize = 4;
+
+/// A line between neighbouring returns steeper than this against its beam (about 6 degrees) is a surface.
+const GRAZING_SINE: f64 = 0.1;
+/// Neighbouring returns farther apart than this many cells are not joined: what lies between was hardly seen.
+const LONGEST_JOIN: f64 = 2.0;
+
+const FREE: u8 = 1;
+const SURFACE: u8 = 2;
+
+/// What is known of a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Seen {
+    /// A beam passed here.
+    pub free: bool,
+    /// A surface was met within half a cell.
+    pub surface: bool,
+}
+
+impl Seen {
+    pub fn any(self) -> bool {
+        self.free || self.surface
+    }
+}
+
+/// The raster of evidence over a lattice.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evidence {
+    size: [usize; 2],
+    marks: Vec<u8>,
+}
+
+impl Evidence {
+    /// What the scans say about the lattice's area.
+    pub fn gather(lattice: &Lattice, scans: &[LaserScan]) -> Self {
+        let size = lattice.cells.map(|n| n * SUBCELLS);
+        let mut evidence = Self { size, marks: vec![0; size[0] * size[1]] };
+        for scan in scans {
+            let sweep = Sweep::of(scan, lattice.resolution);
+            evidence.mark_free(lattice, &sweep);
+            evidence.mark_surfaces(lattice, &sweep);
+        }
+        evidence
+    }
+
+    /// Evidence from its marks as [`Evidence::marks`] gave them; `None` where their number does not fit the lattice.
+    pub fn from_marks(lattice: &Lattice, marks: Vec<u8>) -> Option<Self> {
+        let size = lattice.cells.map(|n| n * SUBCELLS);
+        (marks.len() == size[0] * size[1]).then_some(Self { size, marks })
+    }
+
+    /// The raster, x fastest from the lower left: bit 0 free, bit 1 surface.
+    pub fn marks(&self) -> &[u8] {
+        &self.marks
+    }
+
+    /// The number of marks along x and y.
+    pub fn size(&self) -> [usize; 2] {
+        self.size
+    }
+
+    /// What is known at a point; nothing outside the lattice.
+    pub fn at(&self, lattice: &Lattice, p: Vec2) -> Seen {
+        let Some(located) = lattice.locate(p) else { return Seen::default() };
+        let along = |axis: usize| {
+            let sub = (located.local[axis] * SUBCELLS as f64) as usize;
+            located.cell[axis] * SUBCELLS + sub.min(SUBCELLS - 1)
+        };
+        self.mark(along(0), along(1))
+    }
+
+    /// What is known at mark `(i, j)`.
+    pub fn mark(&self, i: usize, j: usize) -> Seen {
+        let mark = self.marks[i + j * self.size[0]];
+        Seen { free: mark & FREE != 0, surface: mark & SURFACE != 0 }
+    }
+
+    fn mark_free(&mut self, lattice: &Lattice, sweep: &Sweep<'_>) {
+        let [width, _] = self.size;
+        for (i, j) in self.window(lattice, sweep.center, sweep.reach) {
+            let mark = &mut self.marks[i + j * width];
+            if *mark & FREE == 0 && sweep.passes(mark_center(lattice, i, j)) {
+                *mark |= FREE;
+            }
+        }
+    }
+
+    fn mark_surfaces(&mut self, lattice: &Lattice, sweep: &Sweep<'_>) {
+        let [width, _] = self.size;
+        let near = lattice.resolution / 2.0;
+        for (a, b) in sweep.surfaces(LONGEST_JOIN * lattice.resolution) {
+            for (i, j) in self.window(lattice, (a + b) / 2.0, (a - b).norm() / 2.0 + near) {
+                if distance_to_segment(mark_center(lattice, i, j), a, b) <= near {
+                    self.marks[i + j * width] |= SURFACE;
+                }
+            }
+        }
+    }
+
+    /// The marks whose centres may lie within `reach` of a point.
+    fn window(&self, lattice: &Lattice, center: Vec2, reach: f64) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let side = lattice.resolution / SUBCELLS as f64;
+        let span = |axis: usize| {
+            let low = ((center[axis] - reach - lattice.origin[axis]) / side).floor().max(0.0) as usize;
+            let high = ((center[axis] + reach - lattice.origin[axis]) / side).ceil().max(0.0) as usize;
+            low..high.min(self.size[axis])
+        };
+        let (columns, rows) = (span(0), span(1));
+        rows.flat_map(move |j| columns.clone().map(move |i| (i, j)))
+    }
+}
+
+/// The centre of mark `(i, j)`.
+pub(crate) fn mark_center(lattice: &Lattice, i: usize, j: usize) -> Vec2 {
+    let side = lattice.resolution / SUBCELLS as f64;
+    Vec2::new(lattice.origin[0] + (i as f64 + 0.5) * side, lattice.origin[1] + (j as f64 + 0.5) * side)
+}
+
+/// One scan's beams, ready to be asked what they passed.
+struct Sweep<'a> {
+    scan: &'a LaserScan,
+    center: Vec2,
+    /// Returns in the world, `None` where a beam had none.
+    points: Vec<Option<Vec2>>,
+    ranges: Vec<f64>,
+    /// Whether the returns of beams `k` and `k + 1` lie on one surface.
+    joined: Vec<bool>,
+    reach: f64,
+}
+
+impl<'a> Sweep<'a> {
+    fn of(scan: &'a LaserScan, resolution: f64) -> Self {
+        let beams = scan.ranges.len();
+        let ranges: Vec<f64> = (0..beams).map(|beam| scan.range(beam).unwrap_or(f64::NAN)).collect();
+        let points: Vec<Option<Vec2>> =
+            (0..beams).map(|beam| scan.range(beam).map(|range| scan.pose.project(range, scan.bearing(beam)))).collect();
+        let center = scan.pose.position();
+        let joined = points
+            .windows(2)
+            .map(|pair| match (pair[0], pair[1]) {
+                (Some(a), Some(b)) => {
+                    let chord = b - a;
+                    let beam = (a + b) / 2.0 - center;
+                    let sine = chord.perp(&beam).abs();
+                    sine >= GRAZING_SINE * chord.norm() * beam.norm() || chord.norm() <= resolution / 2.0
+                }
+                _ => false,
+            })
+            .collect();
+        let reach = ranges.iter().copied().fold(0.0, f64::max);
+        Self { scan, center, points, ranges, joined, reach }
+    }
+
+    /// Whether a beam passed the point before it met anything.
+    fn passes(&self, p: Vec2) -> bool {
+        let offset = p - self.center;
+        let distance = offset.norm();
+        if distance >= self.reach || self.scan.angle_increment == 0.0 {
+            return false;
+        }
+        let from_first = offset.y.atan2(offset.x) - self.scan.pose.theta - self.scan.angle_min;
+        let beam = self.beam_at(from_first);
+        let beams = self.ranges.len();
+        if beam <= -0.5 || beam >= beams as f64 - 0.5 {
+            return false;
+        }
+        let nearest = self.ranges[(beam.round().max(0.0) as usize).min(beams - 1)];
+        if beam < 0.0 || beam > beams as f64 - 1.0 {
+            return distance < nearest;
+        }
+        let low = (beam as usize).min(beams.saturating_sub(2));
+        let Some(&high_range) = self.ranges.get(low + 1) else { return distance < nearest };
+        let low_range = self.ranges[low];
+        if low_range.is_nan() || high_range.is_nan() {
+            return distance < nearest;
+        }
+        match (self.points[low], self.points[low + 1]) {
+            (Some(a), Some(b)) if self.joined[low] => on_the_same_side(self.center, p, a, b),
+            _ => distance < low_range.min(high_range),
+        }
+    }
+
+    /// The fractional index of the beam at an angle from the first one, of the turn in which the scan lies.
+    fn beam_at(&self, from_first: f64) -> f64 {
+        let step = self.scan.angle_increment;
+        let middle = (self.ranges.len() as f64 - 1.0) * step / 2.0;
+        (middle + wrap_angle(from_first - middle)) / step
+    }
+
+    /// The surfaces met: pieces between joined returns, and single returns as points.
+    fn surfaces(&self, longest: f64) -> impl Iterator<Item = (Vec2, Vec2)> + '_ {
+        self.points.iter().enumerate().filter_map(move |(beam, point)| {
+            let a = (*point)?;
+            match self.points.get(beam + 1).copied().flatten() {
+                Some(b) if self.joined[beam] && (b - a).norm() <= longest => Some((a, b)),
+                _ => Some((a, a)),
+            }
+        })
+    }
+}
+
+/// Whether `p` lies on the same side of the line through `a` and `b` as `from`.
+fn on_the_same_side(from: Vec2, p: Vec2, a: Vec2, b: Vec2) -> bool {
+    let line = b - a;
+    line.perp(&(from - a)) * line.perp(&(p - a)) > 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Bounds, Pose};
+
+    /// A robot in the middle of a square room of side 4, a full turn of 1 degree, with some beams left without a return.
+    fn square(missing: std::ops::Range<usize>) -> (Lattice, Evidence) {
+        let ranges = (0..360)
+            .map(|k| {
+                let (sin, cos) = (k as f64).to_radians().sin_cos();
+                if missing.contains(&k) { f64::NAN } else { 2.0 / sin.abs().max(cos.abs()) }
+            })
+            .collect();
+        let scan = LaserScan {
+            pose: Pose::new(0.0, 0.0, 0.0),
+            pose_covariance: None,
+            angle_min: 0.0,
+            angle_increment: 1f64.to_radians(),
+            range_min: 0.1,
+            range_max: 10.0,
+            ranges,
+        };
+        let lattice = Lattice::covering(&Bounds { min: [-3.0; 2], max: [3.0; 2] }, 0.2, 10_000).unwrap();
+        let evidence = Evidence::gather(&lattice, &[scan]);
+        (lattice, evidence)
+    }
+
+    #[test]
+    fn inside_is_free_walls_are_surface_and_behind_is_unknown() {
+        let (lattice, evidence) = square(0..0);
+        let at = |x, y| evidence.at(&lattice, Vec2::new(x, y));
+        assert_eq!(at(1.0, 0.5), Seen { free: true, surface: false });
+        assert_eq!(at(1.96, 0.5), Seen { free: true, surface: true });
+        assert_eq!(at(2.04, -1.3), Seen { free: false, surface: true });
+        assert_eq!(at(2.5, 0.5), Seen::default());
+        assert_eq!(at(9.0, 9.0), Seen::default());
+    }
+
+    #[test]
+    fn a_beam_without_a_return_is_evidence_of_nothing() {
+        let (lattice, evidence) = square(0..91);
+        assert_eq!(evidence.at(&lattice, Vec2::new(1.0, 1.0)), Seen::default());
+        assert!(evidence.at(&lattice, Vec2::new(-1.0, 1.0)).free);
+        assert!(!evidence.at(&lattice, Vec2::new(2.0, 1.0)).surface);
+    }
+}

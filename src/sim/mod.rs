@@ -1,0 +1,13 @@
+//! Worlds whose truth is exact, and a laser scanner in them.
+//!
+//! A [`World`] is a room with pillars: polygons, so that its signed distance is exact. A [`Lidar`] stands at a true pose and
+//! measures ranges with noise; the pose it reports is noisy too. Everything is drawn from a seeded ChaCha generator, so a
+//! simulated log is the same on every machine. The demo, the reproduction, tests and benches all run on this.
+
+mod lidar;
+mod scenario;
+mod world;
+
+pub use lidar::{Lidar, simulate};
+pub use scenario::Scenario;
+pub use world::World;

@@ -1,0 +1,60 @@
+//! A world, a scanner, where it stood and how noisy it was: everything that defines a simulated job.
+
+use super::lidar::{Lidar, simulate};
+use super::world::World;
+use crate::geometry::{Bounds, Pose, Vec2};
+use crate::scan::{LaserScan, Noise};
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scenario {
+    pub world: World,
+    pub lidar: Lidar,
+    /// The true poses.
+    pub poses: Vec<Pose>,
+    pub noise: Noise,
+    /// The area to map.
+    pub bounds: Bounds,
+    /// The spacing of control points, metres.
+    pub resolution: f64,
+}
+
+impl Scenario {
+    /// The method's experiment 1: the L-shaped room, three poses, 181 beams over 180 degrees, h = 0.2 m.
+    pub fn experiment_one() -> Self {
+        let world = World::l_room();
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let bounds = world.bounds().grown(0.6);
+        Self {
+            world,
+            lidar: Lidar::of_degrees(181, 180.0),
+            poses: vec![
+                Pose::new(1.5, 1.5, quarter / 2.0),
+                Pose::new(6.0, 2.0, quarter + 0.6),
+                Pose::new(2.0, 6.0, -0.3),
+            ],
+            noise: Noise::EXPERIMENT_ONE,
+            bounds,
+            resolution: 0.2,
+        }
+    }
+
+    /// The scans of one draw of the noise.
+    pub fn scans(&self, seed: u64) -> Vec<LaserScan> {
+        simulate(&self.world, &self.lidar, &self.poses, &self.noise, seed)
+    }
+
+    /// Points of the true boundary that some true pose could see, `step` metres apart.
+    pub fn seen_boundary(&self, step: f64) -> Vec<Vec2> {
+        let mut points = self.world.boundary(step);
+        points.retain(|&p| self.poses.iter().any(|pose| self.sees(pose, p)));
+        points
+    }
+
+    fn sees(&self, pose: &Pose, p: Vec2) -> bool {
+        let offset = p - pose.position();
+        let bearing = crate::geometry::wrap_angle(offset.y.atan2(offset.x) - pose.theta);
+        bearing.abs() <= self.lidar.field_of_view / 2.0
+            && offset.norm() <= self.lidar.range_max
+            && self.world.sees(pose.position(), p)
+    }
+}

@@ -1,0 +1,144 @@
+//! A room bounded by a polygon, with polygonal pillars in it.
+
+use crate::geometry::{Bounds, Vec2, distance_to_segment};
+
+/// Free space inside `outline` and outside every pillar. The corners' orientation does not matter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct World {
+    pub outline: Vec<Vec2>,
+    pub pillars: Vec<Vec<Vec2>>,
+}
+
+impl World {
+    /// A room without pillars.
+    pub fn room(corners: &[[f64; 2]]) -> Self {
+        Self { outline: corners.iter().map(|c| Vec2::new(c[0], c[1])).collect(), pillars: Vec::new() }
+    }
+
+    /// The room of the method's experiment 1: an L of 8 m with an inner corner at (4, 4).
+    pub fn l_room() -> Self {
+        Self::room(&[[0.0, 0.0], [8.0, 0.0], [8.0, 4.0], [4.0, 4.0], [4.0, 8.0], [0.0, 8.0]])
+    }
+
+    /// Every wall as a segment.
+    pub fn walls(&self) -> impl Iterator<Item = (Vec2, Vec2)> + '_ {
+        std::iter::once(&self.outline).chain(&self.pillars).flat_map(|corners| edges(corners))
+    }
+
+    /// Every corner.
+    pub fn corners(&self) -> impl Iterator<Item = Vec2> + '_ {
+        std::iter::once(&self.outline).chain(&self.pillars).flatten().copied()
+    }
+
+    /// The rectangle around the outline; an outline without corners gives an empty one at the origin.
+    pub fn bounds(&self) -> Bounds {
+        Bounds::around(self.outline.iter().copied()).unwrap_or(Bounds { min: [0.0; 2], max: [0.0; 2] })
+    }
+
+    /// Whether a point lies in free space.
+    pub fn is_free(&self, p: Vec2) -> bool {
+        inside(&self.outline, p) && !self.pillars.iter().any(|pillar| inside(pillar, p))
+    }
+
+    /// The distance to the nearest wall, negative in free space.
+    pub fn signed_distance(&self, p: Vec2) -> f64 {
+        let distance = self.walls().map(|(a, b)| distance_to_segment(p, a, b)).fold(f64::INFINITY, f64::min);
+        if self.is_free(p) { -distance } else { distance }
+    }
+
+    /// How far the nearest wall is along a unit direction.
+    pub fn cast(&self, from: Vec2, direction: Vec2) -> Option<f64> {
+        self.walls().filter_map(|(a, b)| hit(from, direction, a, b)).min_by(f64::total_cmp)
+    }
+
+    /// Whether nothing stands between a free point and a point on a wall (or in free space).
+    pub fn sees(&self, from: Vec2, target: Vec2) -> bool {
+        let offset = target - from;
+        let distance = offset.norm();
+        distance == 0.0 || self.cast(from, offset / distance).is_none_or(|range| range >= distance - 1e-9)
+    }
+
+    /// Points along the walls, `step` metres apart, none of them a corner.
+    pub fn boundary(&self, step: f64) -> Vec<Vec2> {
+        self.walls()
+            .flat_map(|(a, b)| {
+                let pieces = ((b - a).norm() / step).ceil().max(1.0);
+                (0..pieces as usize).map(move |k| a + (b - a) * ((k as f64 + 0.5) / pieces))
+            })
+            .collect()
+    }
+
+    /// Whether a point is farther than `reach` from every place of free space that has two nearest walls: where the
+    /// distance is smooth. Judged by how the distance falls along its own gradient.
+    pub fn is_smooth(&self, p: Vec2, reach: f64) -> bool {
+        let turn = |k: usize| Vec2::new((k as f64).cos(), (k as f64).sin()) * reach;
+        let Some(direction) = self.away_from_wall(p) else { return false };
+        (0..7).all(|k| self.away_from_wall(p + turn(k)).is_some_and(|other| other.dot(&direction) > 0.9))
+    }
+
+    fn away_from_wall(&self, p: Vec2) -> Option<Vec2> {
+        let e = 1e-6;
+        let slope = |d: Vec2| (self.signed_distance(p + d) - self.signed_distance(p - d)) / (2.0 * e);
+        Vec2::new(slope(Vec2::new(e, 0.0)), slope(Vec2::new(0.0, e))).try_normalize(0.5)
+    }
+}
+
+fn edges(corners: &[Vec2]) -> impl Iterator<Item = (Vec2, Vec2)> + '_ {
+    (0..corners.len()).map(|k| (corners[k], corners[(k + 1) % corners.len()]))
+}
+
+/// Even-odd rule.
+fn inside(corners: &[Vec2], p: Vec2) -> bool {
+    edges(corners)
+        .filter(|(a, b)| (a.y > p.y) != (b.y > p.y) && p.x < a.x + (b.x - a.x) * (p.y - a.y) / (b.y - a.y))
+        .count()
+        % 2
+        == 1
+}
+
+fn hit(from: Vec2, direction: Vec2, a: Vec2, b: Vec2) -> Option<f64> {
+    let wall = b - a;
+    let cross = direction.perp(&wall);
+    if cross == 0.0 {
+        return None;
+    }
+    let along_wall = (a - from).perp(&direction) / cross;
+    let range = (a - from).perp(&wall) / cross;
+    ((0.0..=1.0).contains(&along_wall) && range > 1e-9).then_some(range)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_in_the_l_room_are_exact() {
+        let room = World::l_room();
+        assert!((room.signed_distance(Vec2::new(1.0, 3.0)) + 1.0).abs() < 1e-12);
+        assert!((room.signed_distance(Vec2::new(5.0, 5.0)) - 1.0).abs() < 1e-12);
+        assert!((room.signed_distance(Vec2::new(3.7, 3.6)) + 0.5).abs() < 1e-12);
+        assert!((room.cast(Vec2::new(1.0, 3.0), Vec2::new(1.0, 0.0)).unwrap() - 7.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_inner_corner_hides_what_is_behind_it() {
+        let room = World::l_room();
+        assert!(!room.sees(Vec2::new(7.0, 2.0), Vec2::new(2.0, 8.0)));
+        assert!(room.sees(Vec2::new(1.5, 1.5), Vec2::new(2.0, 8.0)));
+    }
+
+    #[test]
+    fn a_pillar_is_not_free() {
+        let mut room = World::l_room();
+        room.pillars.push(vec![Vec2::new(1.0, 1.0), Vec2::new(2.0, 1.0), Vec2::new(2.0, 2.0), Vec2::new(1.0, 2.0)]);
+        assert!(!room.is_free(Vec2::new(1.5, 1.5)));
+        assert!((room.signed_distance(Vec2::new(1.5, 1.4)) - 0.4).abs() < 1e-12);
+    }
+
+    #[test]
+    fn smooth_places_keep_off_the_medial_axis() {
+        let room = World::l_room();
+        assert!(room.is_smooth(Vec2::new(0.5, 3.0), 0.2));
+        assert!(!room.is_smooth(Vec2::new(0.5, 0.55), 0.2));
+    }
+}

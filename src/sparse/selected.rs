@@ -1,0 +1,333 @@
+//! Entries of the inverse on the factor's pattern, without the inverse (Takahashi, Fagan, Chen 1973).
+//!
+//! For a supernode with pivot block `F11`, the rows below it `F21 = M F11`, and `Z = H^-1`:
+//!
+//! ```text
+//! W = F11^-1,  Z21 = -Z22 M,  Z11 = W - M^T Z21
+//! ```
+//!
+//! where `Z22`, between the rows below, lies in supernodes eliminated later. So one walk from the last supernode to the
+//! first gives every entry of `H^-1` on the pattern of `L`, which contains every pair of control points that share a
+//! cell.
+//!
+//! The propagated covariance is `S = H^-1 G H^-1` with `G` on the pattern of `H`. Because
+//! `S = -d/dt (H + t G)^-1` at `t = 0`, the same recursion carried in dual numbers gives its entries exactly:
+//! first the derivative of the elimination, from the first supernode to the last,
+//!
+//! ```text
+//! E = G21 - M G11,  dM = E W,  G22 <- G22 - E M^T - M G21^T
+//! ```
+//!
+//! then, with `Z`, from the last to the first,
+//!
+//! ```text
+//! S21 = Z22 dM - S22 M,  S11 = W G11 W + dM^T Z21 - M^T S21
+//! ```
+
+use faer::linalg::matmul::matmul;
+use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
+use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
+use faer::{Accum, Mat, MatMut, MatRef, Par};
+
+use super::cholesky::{Cholesky, SparseError};
+use super::stencil::StencilMatrix;
+
+/// The entries of `H^-1` on the stencil, `H` being the matrix last factorised.
+pub fn selected_inverse(cholesky: &Cholesky) -> Result<StencilMatrix, SparseError> {
+    let (factor, inverse) = cholesky.supernodes()?;
+    let symbolic = factor.symbolic();
+    let mut z = Panels::zeros(symbolic);
+    for s in (0..symbolic.n_supernodes()).rev() {
+        let pivot = Pivot::of(factor, s);
+        let z22 = z.trailing(s);
+        let (z21, z11) = inverse_blocks(&pivot, z22.as_ref());
+        z.store(s, z11.as_ref(), z21.as_ref());
+    }
+    Ok(z.on_stencil(cholesky, inverse))
+}
+
+/// The entries of `H^-1` and of `H^-1 G H^-1` on the stencil, in that order.
+pub fn selected_sandwich(
+    cholesky: &Cholesky,
+    g: &StencilMatrix,
+) -> Result<(StencilMatrix, StencilMatrix), SparseError> {
+    let (factor, inverse) = cholesky.supernodes()?;
+    let symbolic = factor.symbolic();
+    let eliminated = eliminate_derivative(factor, g, inverse);
+    let (mut z, mut s_panels) = (Panels::zeros(symbolic), Panels::zeros(symbolic));
+    for s in (0..symbolic.n_supernodes()).rev() {
+        let pivot = Pivot::of(factor, s);
+        let (z22, s22) = (z.trailing(s), s_panels.trailing(s));
+        let (z21, z11) = inverse_blocks(&pivot, z22.as_ref());
+
+        let (g11, g21) = eliminated.blocks(s);
+        let mut e = g21.to_owned();
+        accumulate(e.as_mut(), pivot.m.as_ref(), g11, -1.0);
+        let dm = product(e.as_ref(), pivot.w.as_ref(), 1.0);
+        let mut s21 = product(z22.as_ref(), dm.as_ref(), 1.0);
+        accumulate(s21.as_mut(), s22.as_ref(), pivot.m.as_ref(), -1.0);
+        let wg = product(pivot.w.as_ref(), g11, 1.0);
+        let mut s11 = product(wg.as_ref(), pivot.w.as_ref(), 1.0);
+        accumulate(s11.as_mut(), dm.transpose(), z21.as_ref(), 1.0);
+        accumulate(s11.as_mut(), pivot.m.transpose(), s21.as_ref(), -1.0);
+
+        z.store(s, z11.as_ref(), z21.as_ref());
+        s_panels.store(s, s11.as_ref(), s21.as_ref());
+    }
+    Ok((z.on_stencil(cholesky, inverse), s_panels.on_stencil(cholesky, inverse)))
+}
+
+/// A supernode's `M = L21 L11^-1` and `W = (L11 L11^T)^-1`.
+struct Pivot {
+    m: Mat<f64>,
+    w: Mat<f64>,
+}
+
+impl Pivot {
+    fn of(factor: SupernodalLltRef<'_, usize, f64>, s: usize) -> Self {
+        let panel = factor.supernode(s).val();
+        let (l11, l21) = panel.split_at_row(panel.ncols());
+        let mut m_transposed = l21.transpose().to_owned();
+        solve_upper_triangular_in_place(l11.transpose(), m_transposed.as_mut(), Par::Seq);
+        let mut l11_inverse = Mat::<f64>::identity(panel.ncols(), panel.ncols());
+        solve_lower_triangular_in_place(l11, l11_inverse.as_mut(), Par::Seq);
+        let w = product(l11_inverse.transpose(), l11_inverse.as_ref(), 1.0);
+        Self { m: m_transposed.transpose().to_owned(), w }
+    }
+}
+
+fn inverse_blocks(pivot: &Pivot, z22: MatRef<'_, f64>) -> (Mat<f64>, Mat<f64>) {
+    let z21 = product(z22, pivot.m.as_ref(), -1.0);
+    let mut z11 = pivot.w.clone();
+    accumulate(z11.as_mut(), pivot.m.transpose(), z21.as_ref(), -1.0);
+    (z21, z11)
+}
+
+/// The derivative of the elimination along `G`: per supernode `G11` and `G21` as they stand when it is eliminated.
+fn eliminate_derivative<'a>(
+    factor: SupernodalLltRef<'a, usize, f64>,
+    g: &StencilMatrix,
+    inverse: &[usize],
+) -> Panels<'a> {
+    let symbolic = factor.symbolic();
+    let supernodes = symbolic.n_supernodes();
+    let mut panels = Panels::zeros(symbolic);
+    panels.scatter(g, inverse);
+    let mut children: Vec<Vec<usize>> = vec![Vec::new(); supernodes];
+    let mut updates: Vec<Option<Mat<f64>>> = (0..supernodes).map(|_| None).collect();
+    for s in 0..supernodes {
+        let rows = panels.rows(s);
+        let mut g22 = Mat::<f64>::zeros(rows.len() - panels.width(s), rows.len() - panels.width(s));
+        for child in std::mem::take(&mut children[s]) {
+            if let Some(update) = updates[child].take() {
+                panels.extend_add(s, &mut g22, child, update.as_ref());
+            }
+        }
+        panels.mirror_pivot(s);
+        let Some(&first_below) = symbolic.supernode(s).pattern().first() else { continue };
+        let pivot = Pivot::of(factor, s);
+        let (g11, g21) = panels.blocks(s);
+        let mut e = g21.to_owned();
+        accumulate(e.as_mut(), pivot.m.as_ref(), g11, -1.0);
+        accumulate(g22.as_mut(), e.as_ref(), pivot.m.transpose(), -1.0);
+        accumulate(g22.as_mut(), pivot.m.as_ref(), g21.transpose(), -1.0);
+        updates[s] = Some(g22);
+        children[panels.owner[first_below]].push(s);
+    }
+    panels
+}
+
+/// A symmetric matrix on the pattern of `L`: per supernode a column-major panel of its pivot rows and the rows below.
+struct Panels<'a> {
+    symbolic: &'a SymbolicSupernodalCholesky<usize>,
+    values: Vec<f64>,
+    /// The supernode that eliminates each step.
+    owner: Vec<usize>,
+}
+
+impl<'a> Panels<'a> {
+    fn zeros(symbolic: &'a SymbolicSupernodalCholesky<usize>) -> Self {
+        let mut owner = vec![0; symbolic.nrows()];
+        for s in 0..symbolic.n_supernodes() {
+            owner[symbolic.supernode_begin()[s]..symbolic.supernode_end()[s]].fill(s);
+        }
+        Self { symbolic, values: vec![0.0; symbolic.len_val()], owner }
+    }
+
+    fn width(&self, s: usize) -> usize {
+        self.symbolic.supernode_end()[s] - self.symbolic.supernode_begin()[s]
+    }
+
+    /// The steps a supernode's panel has rows for: its own, then those below.
+    fn rows(&self, s: usize) -> Vec<usize> {
+        let own = self.symbolic.supernode_begin()[s]..self.symbolic.supernode_end()[s];
+        own.chain(self.symbolic.supernode(s).pattern().iter().copied()).collect()
+    }
+
+    fn span(&self, s: usize) -> std::ops::Range<usize> {
+        self.symbolic.col_ptr_for_val()[s]..self.symbolic.col_ptr_for_val()[s + 1]
+    }
+
+    fn height(&self, s: usize) -> usize {
+        self.width(s) + self.symbolic.supernode(s).pattern().len()
+    }
+
+    fn blocks(&self, s: usize) -> (MatRef<'_, f64>, MatRef<'_, f64>) {
+        MatRef::from_column_major_slice(&self.values[self.span(s)], self.height(s), self.width(s))
+            .split_at_row(self.width(s))
+    }
+
+    fn blocks_mut(&mut self, s: usize) -> (MatMut<'_, f64>, MatMut<'_, f64>) {
+        let (span, height, width) = (self.span(s), self.height(s), self.width(s));
+        MatMut::from_column_major_slice_mut(&mut self.values[span], height, width).split_at_row_mut(width)
+    }
+
+    fn store(&mut self, s: usize, pivot: MatRef<'_, f64>, below: MatRef<'_, f64>) {
+        let (mut top, mut bottom) = self.blocks_mut(s);
+        top.copy_from(pivot);
+        bottom.copy_from(below);
+    }
+
+    /// The matrix between the rows below a supernode, gathered from the supernodes that own them.
+    fn trailing(&self, s: usize) -> Mat<f64> {
+        let below = self.symbolic.supernode(s).pattern();
+        let mut trailing = Mat::zeros(below.len(), below.len());
+        let mut start = 0;
+        while start < below.len() {
+            let t = self.owner[below[start]];
+            let first = self.symbolic.supernode_begin()[t];
+            let end = start + below[start..].partition_point(|&step| step < self.symbolic.supernode_end()[t]);
+            let places = self.places(t, &below[start..]);
+            let panel = &self.values[self.span(t)];
+            let height = self.height(t);
+            for column in start..end {
+                let values = &panel[(below[column] - first) * height..][..height];
+                for row in column..below.len() {
+                    let value = values[places[row - start]];
+                    trailing[(row, column)] = value;
+                    trailing[(column, row)] = value;
+                }
+            }
+            start = end;
+        }
+        trailing
+    }
+
+    /// Where each of the ascending `steps` lies among the rows of supernode `t`, which holds them all.
+    fn places(&self, t: usize, steps: &[usize]) -> Vec<usize> {
+        let (first, end) = (self.symbolic.supernode_begin()[t], self.symbolic.supernode_end()[t]);
+        let pattern = self.symbolic.supernode(t).pattern();
+        let mut at = 0;
+        steps
+            .iter()
+            .map(|&step| {
+                if step < end {
+                    return step - first;
+                }
+                while pattern[at] < step {
+                    at += 1;
+                }
+                end - first + at
+            })
+            .collect()
+    }
+
+    /// Adds a child's update to supernode `s`: to its panel, and to `trailing` between the rows below.
+    fn extend_add(&mut self, s: usize, trailing: &mut Mat<f64>, child: usize, update: MatRef<'_, f64>) {
+        let places = self.places(s, self.symbolic.supernode(child).pattern());
+        let (width, height, span) = (self.width(s), self.height(s), self.span(s));
+        let panel = &mut self.values[span];
+        for (column, &into) in places.iter().enumerate() {
+            if into < width {
+                for (row, &place) in places.iter().enumerate().skip(column) {
+                    panel[into * height + place] += update[(row, column)];
+                }
+            } else {
+                for (row, &place) in places.iter().enumerate() {
+                    if place >= width {
+                        trailing[(place - width, into - width)] += update[(row, column)];
+                    }
+                }
+            }
+        }
+    }
+
+    /// Copies a pivot block's lower triangle to its upper.
+    fn mirror_pivot(&mut self, s: usize) {
+        let (mut pivot, _) = self.blocks_mut(s);
+        for column in 0..pivot.ncols() {
+            for row in column + 1..pivot.nrows() {
+                pivot[(column, row)] = pivot[(row, column)];
+            }
+        }
+    }
+
+    fn scatter(&mut self, g: &StencilMatrix, inverse: &[usize]) {
+        let stencil = g.stencil();
+        for (position, (p, q)) in stencil.entries().enumerate() {
+            let at = self.address(inverse[p], inverse[q]);
+            self.values[at] = g.values[position];
+        }
+    }
+
+    fn on_stencil(&self, cholesky: &Cholesky, inverse: &[usize]) -> StencilMatrix {
+        let stencil = cholesky.stencil();
+        let mut matrix = StencilMatrix::zeros(stencil.clone());
+        for (position, (p, q)) in stencil.entries().enumerate() {
+            matrix.values[position] = self.values[self.address(inverse[p], inverse[q])];
+        }
+        matrix
+    }
+
+    /// Where the entry between two steps, which must be on the pattern, lies in the values.
+    fn address(&self, a: usize, b: usize) -> usize {
+        let (column, row) = (a.min(b), a.max(b));
+        let s = self.owner[column];
+        let (first, end) = (self.symbolic.supernode_begin()[s], self.symbolic.supernode_end()[s]);
+        let place = if row < end {
+            row - first
+        } else {
+            end - first + self.symbolic.supernode(s).pattern().partition_point(|&step| step < row)
+        };
+        self.symbolic.col_ptr_for_val()[s] + (column - first) * self.height(s) + place
+    }
+}
+
+fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64) -> Mat<f64> {
+    let mut out = Mat::zeros(a.nrows(), b.ncols());
+    matmul(out.as_mut(), Accum::Replace, a, b, scale, Par::Seq);
+    out
+}
+
+fn accumulate(into: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64) {
+    matmul(into, Accum::Add, a, b, scale, Par::Seq);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::cholesky::tests::random_spd;
+    use super::*;
+    use faer::linalg::solvers::DenseSolveCore;
+
+    fn worst_difference(selected: &StencilMatrix, dense: &Mat<f64>) -> f64 {
+        let scale = (0..dense.nrows()).map(|k| dense[(k, k)].abs()).fold(0.0, f64::max);
+        let entries = selected.stencil().entries().zip(&selected.values);
+        entries.map(|((p, q), v)| (v - dense[(p, q)]).abs() / scale).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn both_agree_with_dense_inverses() {
+        for (size, seed) in [([4, 4], 0), ([9, 13], 1), ([21, 18], 2), ([40, 5], 3)] {
+            let (h, mut g) = (random_spd(size, seed), random_spd(size, seed + 100));
+            g.shift_diagonal(|_| -0.3);
+            let mut cholesky = Cholesky::analyse(h.stencil()).unwrap();
+            cholesky.factorise(&h).unwrap();
+            let (z, s) = selected_sandwich(&cholesky, &g).unwrap();
+            let dense = h.to_dense().partial_piv_lu().inverse();
+            let sandwich = &dense * g.to_dense() * &dense;
+            assert!(worst_difference(&z, &dense) < 1e-10, "inverse of {size:?}");
+            assert!(worst_difference(&s, &sandwich) < 1e-10, "sandwich of {size:?}");
+            assert_eq!(selected_inverse(&cholesky).unwrap().values, z.values);
+        }
+    }
+}

@@ -1,0 +1,334 @@
+//! The 7 x 7 stencil: the pattern of a lattice's Hessian, and symmetric matrices on it.
+//!
+//! Only the lower triangle is stored, column by column (CSC): below the diagonal of column `(i, j)` lie the rows
+//! `(i + di, j + dj)` with `dj = 0, di in 0..=3` or `dj in 1..=3, di in -3..=3`, 25 slots of which the lattice's edges
+//! cut some off. In natural order those rows ascend with the slot, so the pattern needs no sorting, and where entry
+//! `(row, column)` lies is one table look-up.
+
+use std::sync::Arc;
+
+use faer::Mat;
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
+
+use crate::spline::{Lattice, SUPPORT};
+
+const SLOTS: usize = 25;
+const ABSENT: usize = usize::MAX;
+
+/// Entries of a symmetric 16 x 16 block's lower triangle.
+const PACKED: usize = SUPPORT * (SUPPORT + 1) / 2;
+
+/// The slot of every packed entry of a cell's block: it depends on the offset between the two control points alone.
+const CELL_SLOTS: [usize; PACKED] = {
+    let mut slots = [0; PACKED];
+    let (mut packed, mut b) = (0, 0);
+    while b < SUPPORT {
+        let mut a = b;
+        while a < SUPPORT {
+            slots[packed] = slot((a % 4) as isize - (b % 4) as isize, (a / 4) as isize - (b / 4) as isize);
+            packed += 1;
+            a += 1;
+        }
+        b += 1;
+    }
+    slots
+};
+
+/// A symmetric block between a cell's 16 control points: its lower triangle, column by column.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CellBlock(pub [f64; PACKED]);
+
+impl CellBlock {
+    pub const ZERO: Self = Self([0.0; PACKED]);
+
+    /// The symmetric product `a b^T + b a^T`, halved: its quadratic form is `(a.x)(b.x)`.
+    pub fn symmetric_product(a: &[f64; SUPPORT], b: &[f64; SUPPORT]) -> Self {
+        let mut block = Self::ZERO;
+        let mut packed = 0;
+        for column in 0..SUPPORT {
+            for row in column..SUPPORT {
+                block.0[packed] = 0.5 * (a[row] * b[column] + b[row] * a[column]);
+                packed += 1;
+            }
+        }
+        block
+    }
+
+    /// Adds `weight` times another block.
+    #[inline]
+    pub fn add_scaled(&mut self, weight: f64, other: &Self) {
+        self.0.iter_mut().zip(&other.0).for_each(|(into, value)| *into += weight * value);
+    }
+
+    /// Adds `sum_i rows[i] images[i]^T`, which must be symmetric as a whole.
+    #[inline]
+    pub fn add_products<const K: usize>(&mut self, rows: [&[f64; SUPPORT]; K], images: &[[f64; SUPPORT]; K]) {
+        let mut packed = 0;
+        for column in 0..SUPPORT {
+            let length = SUPPORT - column;
+            let into = &mut self.0[packed..packed + length];
+            for k in 0..K {
+                let factor = images[k][column];
+                into.iter_mut().zip(&rows[k][column..]).for_each(|(into, row)| *into += row * factor);
+            }
+            packed += length;
+        }
+    }
+
+    /// The product with a vector.
+    pub fn times(&self, x: &[f64; SUPPORT]) -> [f64; SUPPORT] {
+        let (mut y, mut packed) = ([0.0; SUPPORT], 0);
+        for column in 0..SUPPORT {
+            y[column] += self.0[packed] * x[column];
+            packed += 1;
+            for row in column + 1..SUPPORT {
+                y[row] += self.0[packed] * x[column];
+                y[column] += self.0[packed] * x[row];
+                packed += 1;
+            }
+        }
+        y
+    }
+
+    /// The bilinear form `a^T block b`.
+    pub fn bilinear(&self, a: &[f64; SUPPORT], b: &[f64; SUPPORT]) -> f64 {
+        self.times(b).iter().zip(a).map(|(y, a)| y * a).sum()
+    }
+}
+
+/// The pattern shared by every matrix of one lattice.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stencil {
+    size: [usize; 2],
+    column_starts: Vec<usize>,
+    rows: Vec<usize>,
+    /// Where slot `s` of column `k` lies in the values, at `k * SLOTS + s`.
+    positions: Vec<usize>,
+}
+
+/// The slot of the row at grid offset `(di, dj)` from its column.
+const fn slot(di: isize, dj: isize) -> usize {
+    if dj == 0 { di as usize } else { (4 + (dj - 1) * 7 + di + 3) as usize }
+}
+
+impl Stencil {
+    /// The pattern of a lattice's control points.
+    pub fn of(lattice: &Lattice) -> Arc<Self> {
+        Self::of_grid(lattice.control_points())
+    }
+
+    /// The pattern of an `nx x ny` grid.
+    pub fn of_grid(size: [usize; 2]) -> Arc<Self> {
+        let [nx, ny] = [size[0] as isize, size[1] as isize];
+        let n = size[0] * size[1];
+        let mut stencil = Self {
+            size,
+            column_starts: Vec::with_capacity(n + 1),
+            rows: Vec::new(),
+            positions: vec![ABSENT; n * SLOTS],
+        };
+        for column in 0..n {
+            stencil.column_starts.push(stencil.rows.len());
+            let (i, j) = ((column % size[0]) as isize, (column / size[0]) as isize);
+            for dj in 0..=3.min(ny - 1 - j) {
+                let first = if dj == 0 { 0 } else { -3 };
+                for di in first.max(-i)..=3.min(nx - 1 - i) {
+                    stencil.positions[column * SLOTS + slot(di, dj)] = stencil.rows.len();
+                    stencil.rows.push((column as isize + di + dj * nx) as usize);
+                }
+            }
+        }
+        stencil.column_starts.push(stencil.rows.len());
+        Arc::new(stencil)
+    }
+
+    /// The number of control points.
+    pub fn dimension(&self) -> usize {
+        self.size[0] * self.size[1]
+    }
+
+    /// The number of control points along x and y.
+    pub fn size(&self) -> [usize; 2] {
+        self.size
+    }
+
+    /// The number of stored entries: those of the lower triangle.
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Whether there is no entry, which only an empty grid has.
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// Every stored entry as (row, column), in the order of the values.
+    pub fn entries(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        (0..self.dimension())
+            .flat_map(move |column| self.column(column).map(move |position| (self.rows[position], column)))
+    }
+
+    /// Where a column's entries lie in the values.
+    pub fn column(&self, column: usize) -> std::ops::Range<usize> {
+        self.column_starts[column]..self.column_starts[column + 1]
+    }
+
+    /// The row of a stored entry.
+    pub fn row(&self, position: usize) -> usize {
+        self.rows[position]
+    }
+
+    /// Where the entry of two control points lies in the values, or `None` where they share no cell.
+    pub fn position(&self, p: usize, q: usize) -> Option<usize> {
+        let (column, row) = (p.min(q), p.max(q));
+        let nx = self.size[0] as isize;
+        let (dj, di) = (row as isize / nx - column as isize / nx, row as isize % nx - column as isize % nx);
+        if !(0..=3).contains(&dj) || di.abs() > 3 {
+            return None;
+        }
+        Some(self.positions[column * SLOTS + slot(di, dj)])
+    }
+
+    /// The pattern as faer reads it: the lower triangle in CSC.
+    pub(crate) fn symbolic(&self) -> SymbolicSparseColMatRef<'_, usize> {
+        let n = self.dimension();
+        SymbolicSparseColMatRef::new_checked(n, n, &self.column_starts, None, &self.rows)
+    }
+}
+
+/// A symmetric matrix on a [`Stencil`].
+#[derive(Debug, Clone)]
+pub struct StencilMatrix {
+    stencil: Arc<Stencil>,
+    /// The lower triangle's entries in the order of [`Stencil::entries`].
+    pub values: Vec<f64>,
+}
+
+impl StencilMatrix {
+    pub fn zeros(stencil: Arc<Stencil>) -> Self {
+        let values = vec![0.0; stencil.len()];
+        Self { stencil, values }
+    }
+
+    pub fn stencil(&self) -> &Arc<Stencil> {
+        &self.stencil
+    }
+
+    /// Adds a block between a cell's control points, which are those of [`Lattice::support`] with `first` the lowest.
+    #[inline]
+    pub fn add_cell(&mut self, first: usize, block: &CellBlock) {
+        let nx = self.stencil.size[0];
+        let mut packed = 0;
+        for b in 0..SUPPORT {
+            let column = first + b % 4 + (b / 4) * nx;
+            let positions = &self.stencil.positions[column * SLOTS..(column + 1) * SLOTS];
+            for &slot in &CELL_SLOTS[packed..packed + SUPPORT - b] {
+                self.values[positions[slot]] += block.0[packed];
+                packed += 1;
+            }
+        }
+    }
+
+    /// The block between a cell's control points.
+    #[inline]
+    pub fn cell(&self, first: usize) -> CellBlock {
+        let nx = self.stencil.size[0];
+        let mut block = CellBlock::ZERO;
+        let mut packed = 0;
+        for b in 0..SUPPORT {
+            let column = first + b % 4 + (b / 4) * nx;
+            let positions = &self.stencil.positions[column * SLOTS..(column + 1) * SLOTS];
+            for &slot in &CELL_SLOTS[packed..packed + SUPPORT - b] {
+                block.0[packed] = self.values[positions[slot]];
+                packed += 1;
+            }
+        }
+        block
+    }
+
+    /// The diagonal.
+    pub fn diagonal(&self) -> Vec<f64> {
+        (0..self.stencil.dimension()).map(|k| self.values[self.stencil.column_starts[k]]).collect()
+    }
+
+    /// Adds `shift[k]` to diagonal entry `k`.
+    pub fn shift_diagonal(&mut self, shift: impl Fn(usize) -> f64) {
+        for k in 0..self.stencil.dimension() {
+            self.values[self.stencil.column_starts[k]] += shift(k);
+        }
+    }
+
+    /// The product with a vector.
+    pub fn times(&self, x: &[f64]) -> Vec<f64> {
+        let mut y = vec![0.0; x.len()];
+        for column in 0..self.stencil.dimension() {
+            let mut sum = 0.0;
+            for position in self.stencil.column(column) {
+                let (row, value) = (self.stencil.rows[position], self.values[position]);
+                sum += value * x[row];
+                if row != column {
+                    y[row] += value * x[column];
+                }
+            }
+            y[column] += sum;
+        }
+        y
+    }
+
+    /// The matrix as faer reads it: its lower triangle in CSC.
+    pub(crate) fn lower(&self) -> SparseColMatRef<'_, usize, f64> {
+        SparseColMatRef::new(self.stencil.symbolic(), &self.values)
+    }
+
+    /// The matrix, dense: for references in tests and for small exports.
+    pub fn to_dense(&self) -> Mat<f64> {
+        let n = self.stencil.dimension();
+        let mut dense = Mat::zeros(n, n);
+        for ((row, column), &value) in self.stencil.entries().zip(&self.values) {
+            dense[(row, column)] = value;
+            dense[(column, row)] = value;
+        }
+        dense
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_stencil_holds_exactly_the_pairs_that_share_a_cell() {
+        let stencil = Stencil::of_grid([6, 5]);
+        let stored: std::collections::BTreeSet<_> = stencil.entries().collect();
+        for p in 0..30usize {
+            for q in 0..=p {
+                let near = (p % 6).abs_diff(q % 6) <= 3 && (p / 6).abs_diff(q / 6) <= 3;
+                assert_eq!(stored.contains(&(p, q)), near, "entry ({p}, {q})");
+                assert_eq!(stencil.position(q, p).is_some(), near, "position of ({p}, {q})");
+            }
+        }
+    }
+
+    #[test]
+    fn a_cell_block_lands_where_it_is_read_back() {
+        let mut matrix = StencilMatrix::zeros(Stencil::of_grid([7, 6]));
+        let a: [f64; SUPPORT] = std::array::from_fn(|k| (k as f64).sin());
+        let b: [f64; SUPPORT] = std::array::from_fn(|k| (k as f64 * 1.7).cos());
+        let block = CellBlock::symmetric_product(&a, &b);
+        matrix.add_cell(9, &block);
+        assert_eq!(matrix.cell(9), block);
+        let norms = (a.iter().map(|v| v * v).sum::<f64>(), b.iter().map(|v| v * v).sum::<f64>());
+        let dot: f64 = a.iter().zip(&b).map(|(a, b)| a * b).sum();
+        assert!((block.bilinear(&a, &b) - 0.5 * (norms.0 * norms.1 + dot * dot)).abs() < 1e-12);
+        let mut same = CellBlock::ZERO;
+        let halves = [b.map(|v| 0.5 * v), a.map(|v| 0.5 * v)];
+        same.add_products([&a, &b], &halves);
+        assert!(same.0.iter().zip(&block.0).all(|(x, y)| (x - y).abs() < 1e-15));
+        let dense = matrix.to_dense();
+        let x: Vec<f64> = (0..42).map(|k| (k as f64 * 0.7).cos()).collect();
+        for (row, y) in matrix.times(&x).into_iter().enumerate() {
+            let exact: f64 = (0..42).map(|k| dense[(row, k)] * x[k]).sum();
+            assert!((y - exact).abs() < 1e-10);
+        }
+    }
+}
