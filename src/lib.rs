@@ -1,5 +1,7 @@
 pub mod fit;
 pub mod geometry;
+pub mod map;
+pub mod render;
 pub mod scan;
 pub mod sim;
 pub mod sparse;

@@ -1,0 +1,101 @@
+//! A fitted map: the surface, its uncertainty, where there is evidence; questions about it, and its files.
+//!
+//! [`FittedMap`] is made from a [`Fit`] once; from then on it never changes. [`query`] answers what
+//! lies at a point. [`npz`] is how arrays become files that numpy opens; [`archive`] is a map as such files.
+
+mod archive;
+pub mod npz;
+mod query;
+
+use serde::{Deserialize, Serialize};
+
+pub use archive::{ArchiveError, factors_from_npz, factors_to_npz};
+pub use query::Answer;
+
+use crate::fit::{Fit, Weighting, Weights};
+use crate::geometry::{Pose, Vec2};
+use crate::scan::{Evidence, Noise};
+use crate::spline::{Lattice, Surface};
+use crate::uncertainty::{Factors, Marginals, PoseCovariance, UncertaintyError, marginals};
+
+/// What a fit reports about itself.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FitReport {
+    pub weighting: Weighting,
+    /// Stationary within tolerance, and the exact Hessian positive definite.
+    pub converged: bool,
+    pub iterations: usize,
+    pub factorisations: usize,
+    pub objective: f64,
+    /// The largest absolute entry of the gradient at the end.
+    pub gradient_norm: f64,
+    /// `gradient_norm` over the start's.
+    pub relative_gradient: f64,
+    pub positive_definite: bool,
+    /// Returns inside the map.
+    pub observations: usize,
+    /// How long the fit and its covariance took.
+    pub seconds: f64,
+    pub weights: Weights,
+}
+
+/// A finished map.
+#[derive(Debug, Clone)]
+pub struct FittedMap {
+    pub surface: Surface,
+    pub evidence: Evidence,
+    pub marginals: Marginals,
+    pub report: FitReport,
+    /// One a scan, refined or as reported.
+    pub poses: Vec<Pose>,
+    /// Empty where poses were fixed.
+    pub pose_covariance: PoseCovariance,
+    /// The returns where the fit's poses put them.
+    pub returns: Vec<Vec2>,
+    pub noise: Noise,
+}
+
+impl FittedMap {
+    /// The map of a fit and the factors of its covariance. `seconds` since the fit began are for the report.
+    pub fn finish(
+        mut fit: Fit,
+        noise: Noise,
+        seconds: impl FnOnce() -> f64,
+    ) -> Result<(Self, Factors), UncertaintyError> {
+        let (marginals, pose_covariance) = marginals(&mut fit)?;
+        let factors = Factors::of(&mut fit)?;
+        let lattice = &fit.surface.lattice;
+        let placed = fit.objective.sightings.at(lattice, &fit.unknowns[lattice.len()..]);
+        let mut returns = vec![Vec2::zeros(); fit.objective.sightings.returns.len()];
+        placed.iter().for_each(|sighting| returns[sighting.source] = sighting.seen.point);
+        let minimum = fit.minimum;
+        let report = FitReport {
+            weighting: fit.weighting,
+            converged: fit.converged,
+            iterations: minimum.iterations,
+            factorisations: minimum.factorisations,
+            objective: minimum.objective,
+            gradient_norm: minimum.gradient_norm,
+            relative_gradient: minimum.relative_gradient,
+            positive_definite: minimum.positive_definite,
+            observations: returns.len(),
+            seconds: seconds(),
+            weights: fit.weights,
+        };
+        let map = Self {
+            surface: fit.surface,
+            evidence: fit.evidence,
+            marginals,
+            report,
+            poses: fit.poses,
+            pose_covariance,
+            returns,
+            noise,
+        };
+        Ok((map, factors))
+    }
+
+    pub fn lattice(&self) -> &Lattice {
+        &self.surface.lattice
+    }
+}

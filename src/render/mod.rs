@@ -1,0 +1,37 @@
+//! A map as something to look at or to hand on: contours, occupancy grids, pictures.
+//!
+//! Everything here takes a [`FittedMap`](crate::map::FittedMap) and gives numbers or bytes. A picture is described once, as
+//! SVG ([`figure`]), and rasterised with a font that is compiled in ([`raster`]), so it looks the same on a host without
+//! fonts.
+
+mod contour;
+mod figure;
+mod geojson;
+mod nav2;
+mod occupancy;
+mod picture;
+mod raster;
+
+use thiserror::Error;
+
+pub use contour::{Contours, contours};
+pub use figure::{Axes, Figure};
+pub use geojson::to_geojson;
+pub use nav2::{to_nav2_zip, to_pgm};
+pub use occupancy::{OccupancyGrid, Trinary};
+pub use picture::{Layer, Overlay, Picture, contour_picture, map_picture};
+pub use raster::{grayscale_png, rgba_png, svg_to_png};
+
+#[derive(Debug, Error)]
+pub enum RenderError {
+    #[error("a contour could not be traced: {0}")]
+    Contour(#[from] ::contour::Error),
+    #[error("an image could not be encoded: {0}")]
+    Png(#[from] png::EncodingError),
+    #[error("a picture could not be drawn: {0}")]
+    Svg(String),
+    #[error("an archive could not be written: {0}")]
+    Zip(#[from] zip::result::ZipError),
+    #[error("an archive could not be written: {0}")]
+    Io(#[from] std::io::Error),
+}
