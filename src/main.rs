@@ -1,1 +1,5 @@
-fn main() {}
+//! The command line; see [`mapfit::cli`].
+
+fn main() -> std::process::ExitCode {
+    mapfit::cli::main()
+}

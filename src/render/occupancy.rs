@@ -7,6 +7,7 @@
 use crate::geometry::Vec2;
 use crate::map::FittedMap;
 use crate::scan::{SUBCELLS, Seen};
+use crate::spline::Lattice;
 use crate::uncertainty::Kind;
 
 /// An occupancy grid with the conventions of `nav_msgs/OccupancyGrid`.
@@ -53,14 +54,14 @@ impl Trinary {
 }
 
 impl OccupancyGrid {
-    /// The number of cells along x and y that cover a map at a resolution; not finite for a resolution of zero.
-    pub fn size(map: &FittedMap, resolution: f64) -> [f64; 2] {
-        map.lattice().bounds().size().map(|side| (side / resolution - 1e-9).ceil().max(1.0))
+    /// The number of cells along x and y that cover a lattice at a resolution; not finite for a resolution of zero.
+    pub fn size(lattice: &Lattice, resolution: f64) -> [f64; 2] {
+        lattice.bounds().size().map(|side| (side / resolution - 1e-9).ceil().max(1.0))
     }
 
-    /// The grid over a map. The caller bounds `size(map, resolution)` first.
+    /// The grid over a map. The caller bounds [`OccupancyGrid::size`] first.
     pub fn of(map: &FittedMap, resolution: f64, kind: Kind) -> Self {
-        let [width, height] = Self::size(map, resolution).map(|n| n as usize);
+        let [width, height] = Self::size(map.lattice(), resolution).map(|n| n as usize);
         let origin = map.lattice().origin;
         let mut data = Vec::with_capacity(width * height);
         for j in 0..height {

@@ -184,6 +184,28 @@ impl Factors {
         Some(Reduced { hessian: columns, inputs })
     }
 
+    /// `M` whole, both triangles.
+    pub fn bordered_hessian(&self) -> CompressedColumns {
+        let n = self.hessian.stencil().dimension();
+        let mut columns = vec![std::collections::BTreeMap::<usize, f64>::new(); n + self.coupling.columns()];
+        for ((row, column), &value) in self.hessian.stencil().entries().zip(&self.hessian.values) {
+            columns[column].insert(row, value);
+            columns[row].insert(column, value);
+        }
+        for k in 0..self.coupling.columns() {
+            for (row, value) in self.coupling.column(k) {
+                columns[n + k].insert(row, value);
+                columns[row].insert(n + k, value);
+            }
+            for a in 0..3 {
+                columns[n + k].insert(n + k - k % 3 + a, self.poses[k / 3][(a, k % 3)]);
+            }
+        }
+        let mut whole = CompressedColumns::new(columns.len());
+        columns.into_iter().for_each(|column| whole.push(column));
+        whole
+    }
+
     /// A scan's three coupling columns, row by row.
     fn scan_coupling(&self, scan: usize) -> Vec<(usize, Vector3<f64>)> {
         let columns = [0, 1, 2].map(|a| self.coupling.column(3 * scan + a));

@@ -1,0 +1,91 @@
+//! `fit`: a job file into files, without a server.
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use clap::Args;
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use super::CliError;
+use super::submit::read_unzipped;
+use crate::jobs::{JobRequest, Limits, Progress, RequestError};
+use crate::map::{FittedMap, factors_to_npz};
+use crate::render::{
+    Layer, OccupancyGrid, Overlay, Picture, contours, map_picture, svg_to_png, to_geojson, to_nav2_zip,
+};
+use crate::uncertainty::Kind;
+use crate::worker::fit_request;
+
+#[derive(Debug, Args)]
+pub struct FitCommand {
+    /// The job file: the JSON that POST /v1/jobs takes; may be gzipped.
+    job: PathBuf,
+    /// The folder the files go to; it is made where it is missing.
+    #[arg(long, env = "MAPFIT_OUT")]
+    out: PathBuf,
+}
+
+impl FitCommand {
+    pub fn run(self) -> Result<(), CliError> {
+        let json = read_unzipped(&self.job)?;
+        let limits = Limits { control_points: 1_000_000, values: 100_000_000, ..Limits::default() };
+        let request = JobRequest::parse(&json, &limits).map_err(|error| explain(&self.job, error))?;
+        let progress = Mutex::new(Progress::queued(request.options.max_iterations));
+        let bar = ProgressBar::new_spinner().with_message("fitting");
+        bar.enable_steady_tick(Duration::from_millis(100));
+        let (map, factors) = fit_request(&request, &progress, &AtomicBool::new(false))?;
+        bar.finish_and_clear();
+        let out = &self.out;
+        std::fs::create_dir_all(out).map_err(CliError::io(out.display().to_string()))?;
+        write(out, "factors.npz", &factors_to_npz(map.lattice(), &factors)?)?;
+        write_map(out, &map, request.name.as_deref().unwrap_or("map"))?;
+        let report = &map.report;
+        println!(
+            "{} control points, {} returns, {} steps, {} in {:.2} s",
+            map.lattice().len(),
+            report.observations,
+            report.iterations,
+            if report.converged { "converged" } else { "not converged" },
+            report.seconds,
+        );
+        println!("written to {}", out.display());
+        Ok(())
+    }
+}
+
+/// A map's files: arrays, contour, OGM, pictures.
+fn write_map(out: &Path, map: &FittedMap, name: &str) -> Result<(), CliError> {
+    write(out, "map.npz", &map.to_npz()?)?;
+    let report = serde_json::to_string_pretty(&json!({"lattice": map.lattice(), "fit": map.report}));
+    let report = report.map_err(|error| CliError::Server(error.to_string()))?;
+    write(out, "fit.json", report.as_bytes())?;
+    let traced = contours(map, 0.0, Some(2.0), Kind::Propagated)?;
+    write(out, "contours.geojson", to_geojson(&traced, "map").to_string().as_bytes())?;
+    let grid = OccupancyGrid::of(map, map.lattice().resolution, Kind::Propagated);
+    write(out, "ogm.zip", &to_nav2_zip(&grid)?)?;
+    for (file, layer) in [("distance", Layer::Distance), ("sigma", Layer::Sigma), ("occupancy", Layer::Occupancy)] {
+        let overlays = if layer == Layer::Distance { vec![Overlay::Points, Overlay::Contour] } else { vec![] };
+        let title = format!("{name}: {file}");
+        let picture = Picture { layer, overlays, width: 900, kind: Kind::Propagated, title };
+        write(out, &format!("{file}.png"), &svg_to_png(&map_picture(map, &picture)?)?)?;
+    }
+    Ok(())
+}
+
+pub(super) fn write(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), CliError> {
+    let file = folder.join(name);
+    std::fs::write(&file, bytes).map_err(CliError::io(file.display().to_string()))
+}
+
+fn explain(file: &Path, error: RequestError) -> CliError {
+    let mut words = format!("{}: {error}", file.display());
+    if let RequestError::Faults(faults) = &error {
+        for fault in faults {
+            words.push_str(&format!("\n  {} {}", fault.pointer, fault.detail));
+        }
+    }
+    CliError::Usage(words)
+}

@@ -1,0 +1,85 @@
+//! The command line: one binary, a file a command.
+
+mod client;
+mod demo;
+mod fit;
+mod serve;
+mod submit;
+
+use clap::{Parser, Subcommand};
+use thiserror::Error;
+use tracing_subscriber::EnvFilter;
+
+/// Distance maps with their covariance, from laser scans.
+#[derive(Debug, Parser)]
+#[command(version, about)]
+pub struct Cli {
+    /// What to log: error, warn, info, debug, or tracing directives.
+    #[arg(long, env = "MAPFIT_LOG", default_value = "info", global = true)]
+    log: String,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Serve HTTP, with workers.
+    Serve(serve::Serve),
+    /// Work on jobs without serving, beside a `serve --workers 0` on the same data.
+    Worker(serve::Work),
+    /// Send job files or CARMEN logs to a server.
+    Submit(submit::Submit),
+    /// Fit a job file without a server.
+    Fit(fit::FitCommand),
+    /// Serve, submit the bundled example, write its pictures, keep serving.
+    Demo(demo::Demo),
+}
+
+/// Why a command failed, in words for a terminal.
+#[derive(Debug, Error)]
+pub enum CliError {
+    #[error("{0}")]
+    Usage(String),
+    #[error("{context}: {source}")]
+    Io { context: String, source: std::io::Error },
+    #[error(transparent)]
+    Store(#[from] crate::store::StoreError),
+    #[error(transparent)]
+    Artifacts(#[from] crate::store::ArtifactsError),
+    #[error(transparent)]
+    Fit(#[from] crate::worker::FitFailure),
+    #[error(transparent)]
+    Archive(#[from] crate::map::ArchiveError),
+    #[error(transparent)]
+    Render(#[from] crate::render::RenderError),
+    #[error("{0}")]
+    Server(String),
+}
+
+impl CliError {
+    fn io(context: impl Into<String>) -> impl FnOnce(std::io::Error) -> Self {
+        let context = context.into();
+        move |source| Self::Io { context, source }
+    }
+}
+
+/// Runs the command line of this process.
+pub fn main() -> std::process::ExitCode {
+    let cli = Cli::parse();
+    let filter = EnvFilter::try_new(&cli.log).unwrap_or_else(|_| EnvFilter::new("info"));
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    let outcome = match cli.command {
+        Command::Serve(command) => command.run(),
+        Command::Worker(command) => command.run(),
+        Command::Submit(command) => command.run(),
+        Command::Fit(command) => command.run(),
+        Command::Demo(command) => command.run(),
+    };
+    match outcome {
+        Ok(()) => std::process::ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("mapfit: {error}");
+            std::process::ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,167 @@
+//! `serve` and `worker`: the service in one process, or its workers alone.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use clap::Args;
+use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
+
+use super::CliError;
+use crate::http::router;
+use crate::jobs::Limits;
+use crate::store::{Artifacts, SqliteStore};
+use crate::worker::{Solvers, Workshop};
+
+/// How long running fits may go on after SIGTERM before they are handed back to the queue.
+const GRACE: Duration = Duration::from_secs(5);
+
+#[derive(Debug, Args)]
+pub struct Serve {
+    /// The address to listen on. Without API keys it must be a loopback address.
+    #[arg(long, env = "MAPFIT_LISTEN", default_value = "127.0.0.1:8080")]
+    pub listen: SocketAddr,
+    #[command(flatten)]
+    pub house: House,
+}
+
+#[derive(Debug, Args)]
+pub struct Work {
+    #[command(flatten)]
+    pub house: House,
+}
+
+/// Where data lives and how much work is done at once.
+#[derive(Debug, Clone, Args)]
+pub struct House {
+    /// The folder of the database and the maps; it is made where it is missing.
+    #[arg(long, env = "MAPFIT_DATA", default_value = "mapfit-data")]
+    pub data: PathBuf,
+    /// Solver threads; 0 serves only. One a core by default.
+    #[arg(long, env = "MAPFIT_WORKERS")]
+    pub workers: Option<usize>,
+    /// Control points a map may have.
+    #[arg(long, env = "MAPFIT_MAX_CONTROL_POINTS", default_value_t = Limits::default().control_points)]
+    pub max_control_points: usize,
+}
+
+impl House {
+    fn worker_count(&self) -> usize {
+        self.workers.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, |n| n.get()))
+    }
+
+    async fn open(&self) -> Result<Arc<Workshop>, CliError> {
+        let folder = self.data.display();
+        std::fs::create_dir_all(&self.data)
+            .map_err(CliError::io(format!("the data folder {folder} cannot be made")))?;
+        let records = SqliteStore::open(&self.data.join("mapfit.sqlite")).await?;
+        let artifacts = Artifacts::in_folder(&self.data.join("artifacts"))?;
+        let limits = Limits { control_points: self.max_control_points, ..Limits::default() };
+        Ok(Workshop::new(Arc::new(records), artifacts, limits))
+    }
+}
+
+impl Serve {
+    pub fn run(self) -> Result<(), CliError> {
+        let runtime = runtime()?;
+        let service = runtime.block_on(Running::start(self.listen, &self.house))?;
+        tracing::info!(address = %service.address, data = %self.house.data.display(), "serving");
+        runtime.block_on(stop_signal());
+        service.stop(&runtime);
+        Ok(())
+    }
+}
+
+impl Work {
+    pub fn run(self) -> Result<(), CliError> {
+        let runtime = runtime()?;
+        let workshop = runtime.block_on(self.house.open())?;
+        let solvers = start_solvers(&workshop, self.house.worker_count().max(1), &runtime)?;
+        tracing::info!(data = %self.house.data.display(), "working");
+        runtime.block_on(stop_signal());
+        solvers.drain(GRACE);
+        Ok(())
+    }
+}
+
+/// A service under way.
+pub(super) struct Running {
+    pub address: SocketAddr,
+    workshop: Arc<Workshop>,
+    solvers: Option<Solvers>,
+    server: tokio::task::JoinHandle<std::io::Result<()>>,
+}
+
+impl Running {
+    /// Binds, opens the data, starts workers and the server.
+    pub async fn start(listen: SocketAddr, house: &House) -> Result<Self, CliError> {
+        if !listen.ip().is_loopback() {
+            return Err(CliError::Usage(format!(
+                "{listen} is not a loopback address, and there are no API keys: whoever reaches it could do anything. \
+                 Listen on 127.0.0.1 and let an authenticating proxy stand in front"
+            )));
+        }
+        let listener =
+            TcpListener::bind(listen).await.map_err(CliError::io(format!("{listen} cannot be listened on")))?;
+        let address = listener.local_addr().map_err(CliError::io("the listener has no address"))?;
+        let workshop = house.open().await?;
+        let count = house.worker_count();
+        let solvers = Solvers::start(workshop.clone(), count, &tokio::runtime::Handle::current());
+        let solvers = solvers.map_err(CliError::io("a solver thread cannot be started"))?;
+        let shutdown = workshop.clone();
+        let app = router(workshop.clone());
+        let server = tokio::spawn(async move {
+            axum::serve(listener, app).with_graceful_shutdown(async move { shutdown.drained().await }).await
+        });
+        Ok(Self { address, workshop, solvers: Some(solvers), server })
+    }
+
+    /// Takes no new requests or jobs, gives running fits their grace, hands back the rest.
+    pub fn stop(mut self, runtime: &Runtime) {
+        tracing::info!("draining");
+        if let Some(solvers) = self.solvers.take() {
+            solvers.drain(GRACE);
+        }
+        debug_assert!(self.workshop.is_draining());
+        let finished = runtime.block_on(async { tokio::time::timeout(GRACE, &mut self.server).await });
+        if finished.is_err() {
+            tracing::warn!("some connections did not end in time");
+        }
+        tracing::info!("stopped");
+    }
+}
+
+pub(super) fn runtime() -> Result<Runtime, CliError> {
+    tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .map_err(CliError::io("the async runtime cannot be started"))
+}
+
+fn start_solvers(workshop: &Arc<Workshop>, count: usize, runtime: &Runtime) -> Result<Solvers, CliError> {
+    Solvers::start(workshop.clone(), count, runtime.handle()).map_err(CliError::io("a solver thread cannot be started"))
+}
+
+/// SIGTERM or SIGINT.
+pub(super) async fn stop_signal() {
+    let interrupted = tokio::signal::ctrl_c();
+    match tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate()) {
+        Ok(mut terminated) => {
+            tokio::select! {
+                _ = interrupted => {}
+                _ = terminated.recv() => {}
+            }
+        }
+        Err(_) => {
+            let _ = interrupted.await;
+        }
+    }
+}
+
+/// A folder for data, relative to a command's output.
+pub(super) fn data_in(folder: &Path) -> PathBuf {
+    folder.join("data")
+}

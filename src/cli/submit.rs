@@ -1,0 +1,124 @@
+//! `submit`: job files and CARMEN logs to a server.
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::CliError;
+use super::client::{Client, text};
+use crate::import::{Selection, parse_carmen, to_request};
+use crate::scan::Noise;
+
+#[derive(Debug, Args)]
+pub struct Submit {
+    /// Job files (.json) or CARMEN logs (.log); either may be gzipped (.gz).
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// The server.
+    #[arg(long, env = "MAPFIT_URL", default_value = "http://127.0.0.1:8080")]
+    url: String,
+    /// Wait for the maps, with a progress bar.
+    #[arg(long, env = "MAPFIT_WAIT")]
+    wait: bool,
+    #[command(flatten)]
+    log: LogOptions,
+}
+
+/// How a log becomes a job. A job file says all this itself.
+#[derive(Debug, Args)]
+struct LogOptions {
+    /// The spacing of control points, metres (logs).
+    #[arg(long, env = "MAPFIT_RESOLUTION", default_value_t = 0.25)]
+    resolution: f64,
+    /// Take every so many scans (logs).
+    #[arg(long, env = "MAPFIT_EVERY", default_value_t = 1)]
+    every: usize,
+    /// The first scan taken, counted from 0 (logs).
+    #[arg(long, env = "MAPFIT_FROM", default_value_t = 0)]
+    from: usize,
+    /// One past the last scan taken (logs).
+    #[arg(long, env = "MAPFIT_TO")]
+    to: Option<usize>,
+    /// Standard deviation of a pose's x and y, metres (logs).
+    #[arg(long, env = "MAPFIT_SIGMA_XY", default_value_t = 0.02)]
+    sigma_xy: f64,
+    /// Standard deviation of a pose's heading, radians (logs).
+    #[arg(long, env = "MAPFIT_SIGMA_THETA", default_value_t = 0.005)]
+    sigma_theta: f64,
+    /// Standard deviation of a range, metres (logs).
+    #[arg(long, env = "MAPFIT_SIGMA_RANGE", default_value_t = 0.02)]
+    sigma_range: f64,
+}
+
+impl Submit {
+    pub fn run(self) -> Result<(), CliError> {
+        let client = Client::new(&self.url);
+        for file in &self.files {
+            let request = self.log.request(file)?;
+            let job = client.submit(&request)?;
+            println!("{}: job {}", file.display(), client.url(&text(&job["links"], "self")));
+            if let Some(message) = job["message"].as_str() {
+                eprintln!("{}: {message}", file.display());
+            }
+            if self.wait {
+                let job = client.wait(&job)?;
+                let map = client.get_json(&text(&job["links"], "map"))?;
+                println!("{}: map {}", file.display(), client.url(&text(&map["links"], "self")));
+                for (relation, address) in map["links"].as_object().into_iter().flatten() {
+                    println!("  {relation:<13}{}", client.url(address.as_str().unwrap_or_default()));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl LogOptions {
+    /// The job request of a file.
+    fn request(&self, file: &Path) -> Result<Vec<u8>, CliError> {
+        let bytes = read_unzipped(file)?;
+        let shown = file.display();
+        let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let stem = name.trim_end_matches(".gz").to_owned();
+        if stem.ends_with(".json") {
+            return Ok(bytes);
+        }
+        if stem.ends_with(".mcap") {
+            return Err(CliError::Usage(format!("{shown}: MCAP recordings cannot be read in this version")));
+        }
+        let log = String::from_utf8_lossy(&bytes);
+        let scans = parse_carmen(&log).map_err(|error| {
+            CliError::Usage(format!("{shown}: {error}. A job file ends in .json, a CARMEN log has FLASER lines"))
+        })?;
+        let selection = Selection { every: self.every, from: self.from, to: self.to };
+        let scans = selection.of(scans);
+        if scans.is_empty() {
+            return Err(CliError::Usage(format!("{shown}: --from, --to and --every leave no scan")));
+        }
+        let noise = Noise {
+            sigma_x: self.sigma_xy,
+            sigma_y: self.sigma_xy,
+            sigma_theta: self.sigma_theta,
+            sigma_range: self.sigma_range,
+        };
+        Ok(to_request(&scans, &noise, Some(stem.trim_end_matches(".log")), self.resolution).to_string().into_bytes())
+    }
+}
+
+/// A file's bytes; a gzipped one unpacked, to 1 GiB at most.
+pub(super) fn read_unzipped(file: &Path) -> Result<Vec<u8>, CliError> {
+    let shown = file.display().to_string();
+    let bytes = std::fs::read(file).map_err(CliError::io(shown.clone()))?;
+    if !bytes.starts_with(&[0x1f, 0x8b]) {
+        return Ok(bytes);
+    }
+    let mut unzipped = Vec::new();
+    let limit = 1 << 30;
+    let mut reader = flate2::read::MultiGzDecoder::new(&bytes[..]).take(limit);
+    reader.read_to_end(&mut unzipped).map_err(CliError::io(shown.clone()))?;
+    if unzipped.len() as u64 == limit {
+        return Err(CliError::Usage(format!("{shown} unpacks to more than 1 GiB")));
+    }
+    Ok(unzipped)
+}

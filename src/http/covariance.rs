@@ -1,0 +1,226 @@
+//! The covariance of the coefficients, in five forms.
+//!
+//! `diagonal` and `sparse` are stored with the map. `block` and `full` are solved for on demand, from the stored factors;
+//! `factors` hands those out. See [`crate::uncertainty`] for the two kinds.
+
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, Uri};
+use axum::response::Response;
+use serde_json::json;
+
+use super::AppState;
+use super::caching::Tag;
+use super::maps::{lattice_json, on_lattice_npz, to_json};
+use super::negotiate::{Format, JSON, NPZ, negotiate};
+use super::params::Params;
+use super::problem::Problem;
+use crate::jobs::MapRecord;
+use crate::map::FittedMap;
+use crate::map::npz::{NpzError, NpzWriter};
+use crate::map::{factors_from_npz, write_columns};
+use crate::sparse::StencilMatrix;
+use crate::spline::Lattice;
+use crate::uncertainty::{CompressedColumns, Factors, Kind};
+
+/// Control points in a `block` at most.
+const LARGEST_BLOCK: usize = 1024;
+/// Control points of a map whose `full` covariance is given: 128 MB.
+const LARGEST_FULL: usize = 4_000;
+/// Entries of eliminated factors at most; larger maps get the bordered form.
+const LARGEST_REDUCED: usize = 12_000_000;
+
+pub(crate) const KINDS: [(&str, Kind); 2] = [("propagated", Kind::Propagated), ("posterior", Kind::Posterior)];
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Form {
+    Diagonal,
+    Block,
+    Sparse,
+    Full,
+    Factors,
+}
+
+/// A window of control points: first column and row, and how many.
+#[derive(Debug, Clone, Copy)]
+struct Window {
+    i0: usize,
+    j0: usize,
+    ni: usize,
+    nj: usize,
+}
+
+/// The covariance of a map's coefficients.
+#[utoipa::path(get, path = "/v1/maps/{id}/covariance", tag = "maps",
+    params(("id" = String, Path),
+        ("kind" = Option<String>, Query, description = "propagated (default) or posterior"),
+        ("form" = Option<String>, Query, description = "diagonal (default), block, sparse, full or factors"),
+        ("i0" = Option<u32>, Query, description = "block: first control point along x"),
+        ("j0" = Option<u32>, Query, description = "block: first control point along y"),
+        ("ni" = Option<u32>, Query, description = "block: control points along x"),
+        ("nj" = Option<u32>, Query, description = "block: control points along y"),
+        ("format" = Option<String>, Query, description = "json or npz")),
+    responses((status = 200, description = "`sdf` (diagonal), `matrix` (block, full), a scipy.sparse archive (sparse), \
+            or Hessian and inputs in CSC parts (factors)",
+            content((super::openapi::DiagonalBody = "application/json"), (Vec<u8> = "application/x-npz"))),
+        (status = 304, description = "unchanged"),
+        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+pub async fn covariance(
+    State(state): State<AppState>,
+    Path(id): Path<String>,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let record = state.map_record(&id).await?;
+    let mut params = Params::of(&uri);
+    let kind = params.choice("kind", &KINDS);
+    let forms = [
+        ("diagonal", Form::Diagonal),
+        ("block", Form::Block),
+        ("sparse", Form::Sparse),
+        ("full", Form::Full),
+        ("factors", Form::Factors),
+    ];
+    let form = params.choice("form", &forms);
+    let window = (form == Form::Block).then(|| window(&mut params, &record.lattice)).flatten();
+    if form == Form::Full && record.lattice.len() > LARGEST_FULL {
+        let points = record.lattice.len();
+        params.fault("form", format!("full is for {LARGEST_FULL} control points at most; this map has {points}"));
+    }
+    let offered: &[Format] = if matches!(form, Form::Diagonal | Form::Block) { &[JSON, NPZ] } else { &[NPZ] };
+    let format = negotiate(&headers, &mut params, offered)?;
+    params.finish()?;
+    let tag = Tag::of(&uri, format);
+    if let Some(response) = tag.not_modified(&headers) {
+        return Ok(response);
+    }
+    let body = match (form, window) {
+        (Form::Diagonal, _) => {
+            let map = state.load(&record).await?;
+            state.compute(move || diagonal(&map, kind, format)).await?
+        }
+        (Form::Sparse, _) => {
+            let map = state.load(&record).await?;
+            state.compute(move || Ok(scipy_sparse(map.marginals.of(kind))?)).await?
+        }
+        (Form::Block, Some(window)) => {
+            let points = points_of(&record.lattice, &window);
+            let factors = load_factors(&state, &record).await?;
+            state.compute(move || dense(&factors, kind, &points, Some(window), format)).await?
+        }
+        (Form::Full, _) => {
+            let points: Vec<usize> = (0..record.lattice.len()).collect();
+            let factors = load_factors(&state, &record).await?;
+            state.compute(move || dense(&factors, kind, &points, None, format)).await?
+        }
+        _ => {
+            let factors = load_factors(&state, &record).await?;
+            state.compute(move || Ok(factors_npz(&factors)?)).await?
+        }
+    };
+    Ok(tag.respond(format, body))
+}
+
+fn window(params: &mut Params, lattice: &Lattice) -> Option<Window> {
+    let [nx, ny] = lattice.control_points();
+    let mut corner = |name: &str, low: usize, high: usize| {
+        if params.text(name).is_none() {
+            params.fault(name, "is required for form=block");
+        }
+        params.number(name, low, high)
+    };
+    let (i0, j0) = (corner("i0", 0, nx - 1), corner("j0", 0, ny - 1));
+    let (ni, nj) = (corner("ni", 1, nx), corner("nj", 1, ny));
+    let window = Window { i0: i0?, j0: j0?, ni: ni?, nj: nj? };
+    if window.i0 + window.ni > nx {
+        params.fault("ni", format!("the window leaves the lattice, which has {nx} control points along x"));
+    }
+    if window.j0 + window.nj > ny {
+        params.fault("nj", format!("the window leaves the lattice, which has {ny} control points along y"));
+    }
+    if window.ni * window.nj > LARGEST_BLOCK {
+        params.fault("ni", format!("a block has {LARGEST_BLOCK} control points at most"));
+    }
+    Some(window)
+}
+
+fn points_of(lattice: &Lattice, window: &Window) -> Vec<usize> {
+    let [nx, _] = lattice.control_points();
+    let rows = window.j0..window.j0 + window.nj;
+    rows.flat_map(|j| (window.i0..window.i0 + window.ni).map(move |i| i + j * nx)).collect()
+}
+
+async fn load_factors(state: &AppState, record: &MapRecord) -> Result<Factors, Problem> {
+    let bytes = state.workshop.artifacts.get(&record.prefix, "factors.npz").await?;
+    state.compute(move || Ok(factors_from_npz(&bytes)?)).await
+}
+
+fn diagonal(map: &FittedMap, kind: Kind, format: Format) -> Result<Vec<u8>, Problem> {
+    let variances = map.marginals.of(kind).diagonal();
+    if format == NPZ {
+        return Ok(on_lattice_npz(map.lattice(), &[("sdf", &variances)])?);
+    }
+    to_json(&json!({"kind": kind, "form": "diagonal", "lattice": lattice_json(map.lattice()), "sdf": variances}))
+}
+
+fn dense(
+    factors: &Factors,
+    kind: Kind,
+    points: &[usize],
+    window: Option<Window>,
+    format: Format,
+) -> Result<Vec<u8>, Problem> {
+    let n = points.len();
+    let matrix = factors.block(kind, points)?;
+    if format == NPZ {
+        let mut npz = NpzWriter::default();
+        npz.array("matrix", &[n, n], &matrix)?;
+        return Ok(npz.finish()?);
+    }
+    let rows: Vec<&[f64]> = matrix.chunks(n).collect();
+    let window = window.map(|w| json!({"i0": w.i0, "j0": w.j0, "ni": w.ni, "nj": w.nj}));
+    to_json(&json!({"kind": kind, "form": "block", "window": window, "matrix": rows}))
+}
+
+/// Both triangles in CSC, as `scipy.sparse.save_npz` writes it.
+fn scipy_sparse(matrix: &StencilMatrix) -> Result<Vec<u8>, NpzError> {
+    let columns = whole(matrix);
+    let narrow = |values: &[usize]| values.iter().map(|&v| v as i32).collect::<Vec<_>>();
+    let mut npz = NpzWriter::default();
+    npz.array("indices", &[columns.indices.len()], &narrow(&columns.indices))?
+        .array("indptr", &[columns.starts.len()], &narrow(&columns.starts))?
+        .bytes("format", "csc")?
+        .array("shape", &[2], &[columns.rows as i64, columns.columns() as i64])?
+        .array("data", &[columns.values.len()], &columns.values)?;
+    npz.finish()
+}
+
+fn whole(matrix: &StencilMatrix) -> CompressedColumns {
+    let n = matrix.stencil().dimension();
+    let mut columns = vec![Vec::with_capacity(49); n];
+    for ((row, column), &value) in matrix.stencil().entries().zip(&matrix.values) {
+        columns[column].push((row, value));
+        if row != column {
+            columns[row].push((column, value));
+        }
+    }
+    let mut whole = CompressedColumns::new(n);
+    for mut column in columns {
+        column.sort_unstable_by_key(|&(row, _)| row);
+        whole.push(column);
+    }
+    whole
+}
+
+/// Hessian and inputs on the control points alone, or, where that would be too much, bordered: control points first, then
+/// `pose_unknowns` more.
+fn factors_npz(factors: &Factors) -> Result<Vec<u8>, NpzError> {
+    let (hessian, inputs, border) = match factors.reduced(LARGEST_REDUCED) {
+        Some(reduced) => (reduced.hessian, reduced.inputs, 0),
+        None => (factors.bordered_hessian(), factors.inputs.clone(), factors.coupling.columns()),
+    };
+    let mut npz = NpzWriter::default();
+    write_columns(&mut npz, "hessian", &hessian)?;
+    write_columns(&mut npz, "input", &inputs)?;
+    npz.array("pose_unknowns", &[], &[border as i64])?;
+    npz.finish()
+}

@@ -1,0 +1,79 @@
+//! A job's life as server-sent events: `progress` while it goes on, and last `status`.
+//!
+//! An event's id is the job's revision, which grows with every change; `Last-Event-ID` resumes behind it. A client that
+//! has seen the end gets 204, which tells an `EventSource` to stop.
+
+use std::convert::Infallible;
+use std::time::Duration;
+
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use futures::stream::{self, Stream, StreamExt};
+
+use super::AppState;
+use super::jobs::{JobBody, find};
+use super::problem::Problem;
+use crate::jobs::Job;
+
+/// How often a followed job is looked at.
+pub(crate) const POLL: Duration = Duration::from_millis(150);
+
+/// Follow a job.
+#[utoipa::path(get, path = "/v1/jobs/{id}/events", tag = "jobs",
+    params(("id" = String, Path), ("Last-Event-ID" = Option<String>, Header, description = "resume behind this event")),
+    responses((status = 200, body = String, content_type = "text/event-stream",
+            description = "`progress` events, each with the job's progress, and last one `status` event with the job"),
+        (status = 204, description = "the job has ended and its last event was seen"),
+        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+pub async fn events(
+    State(state): State<AppState>,
+    Path(id): Path<String>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let job = find(&state, &id).await?;
+    let seen = headers.get("last-event-id").and_then(|id| id.to_str().ok()).and_then(|id| id.trim().parse().ok());
+    let seen: i64 = seen.unwrap_or(0);
+    if job.status.has_ended() && seen >= job.revision {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    let keep_alive = KeepAlive::new().interval(Duration::from_secs(10));
+    Ok(Sse::new(follow(state, id, seen)).keep_alive(keep_alive).into_response())
+}
+
+fn follow(state: AppState, id: String, seen: i64) -> impl Stream<Item = Result<Event, Infallible>> {
+    let first = (state, id, seen, false);
+    stream::unfold(first, |(state, id, mut seen, over)| async move {
+        if over {
+            return None;
+        }
+        loop {
+            // The job was deleted from under us, or the database is away: the client reconnects.
+            let job = find(&state, &id).await.ok()?;
+            if job.revision > seen {
+                let over = job.status.has_ended();
+                let events = if over { ending(&job, seen) } else { progress(&job, job.revision).into_iter().collect() };
+                seen = job.revision;
+                return Some((stream::iter(events), (state, id, seen, over)));
+            }
+            if state.workshop.is_draining() {
+                return None;
+            }
+            tokio::time::sleep(POLL).await;
+        }
+    })
+    .flatten()
+    .map(Ok)
+}
+
+/// The end: where the client has seen no progress at all, that comes first.
+fn ending(job: &Job, seen: i64) -> Vec<Event> {
+    let last_progress = progress(job, job.revision - 1).filter(|_| seen < job.revision - 1);
+    let status = Event::default().event("status").id(job.revision.to_string()).json_data(JobBody::from(job.clone()));
+    last_progress.into_iter().chain(status.ok()).collect()
+}
+
+fn progress(job: &Job, id: i64) -> Option<Event> {
+    Event::default().event("progress").id(id.to_string()).json_data(&job.progress).ok()
+}

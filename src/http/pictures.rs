@@ -1,0 +1,205 @@
+//! Contours, occupancy grids and pictures of a map.
+
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, Uri};
+use axum::response::Response;
+use serde_json::{Value, json};
+
+use super::AppState;
+use super::caching::Tag;
+use super::covariance::KINDS;
+use super::maps::{FRAME, timestamp_of, to_json};
+use super::negotiate::{GEOJSON, JSON, PNG, SVG, ZIP, negotiate};
+use super::params::Params;
+use super::problem::Problem;
+use crate::jobs::MapRecord;
+use crate::render::{
+    Layer, OccupancyGrid, Overlay, Picture, contour_picture, contours as trace, grayscale_png, map_picture, svg_to_png,
+    to_geojson, to_nav2_zip,
+};
+
+/// Cells of an occupancy grid at most.
+const LARGEST_GRID: f64 = 4e6;
+/// Levels farther than this are no map's.
+const FARTHEST_LEVEL: f64 = 1e6;
+/// Pictures are this wide, in pixels.
+const WIDTHS: (usize, usize) = (200, 4096);
+const DEFAULT_WIDTH: usize = 900;
+
+/// A level line of the distance, and the band it lies in.
+#[utoipa::path(get, path = "/v1/maps/{id}/contours", tag = "maps",
+    params(("id" = String, Path),
+        ("level" = Option<f64>, Query, description = "metres; 0 by default: the walls"),
+        ("sigma_band" = Option<f64>, Query, description = "adds the band of that many standard deviations"),
+        ("kind" = Option<String>, Query, description = "propagated (default) or posterior"),
+        ("width" = Option<u32>, Query, description = "pixels, for svg and png"),
+        ("format" = Option<String>, Query, description = "geojson, svg or png")),
+    responses((status = 200, description = "features with `properties.role` level and band, in metres of the map's frame",
+            content((Object = "application/geo+json"), (String = "image/svg+xml"), (Vec<u8> = "image/png"))),
+        (status = 304, description = "unchanged"),
+        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+pub async fn contours(
+    State(state): State<AppState>,
+    Path(id): Path<String>,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let record = state.map_record(&id).await?;
+    let mut params = Params::of(&uri);
+    let level = params.number("level", -FARTHEST_LEVEL, FARTHEST_LEVEL).unwrap_or(0.0);
+    let sigma_band = params.number("sigma_band", 1e-3, 100.0);
+    let kind = params.choice("kind", &KINDS);
+    let width = params.number("width", WIDTHS.0, WIDTHS.1).unwrap_or(DEFAULT_WIDTH);
+    let format = negotiate(&headers, &mut params, &[GEOJSON, JSON, SVG, PNG])?;
+    params.finish()?;
+    let tag = Tag::of(&uri, format);
+    if let Some(response) = tag.not_modified(&headers) {
+        return Ok(response);
+    }
+    let map = state.load(&record).await?;
+    let title = title(&record, &format!("level {level} m"));
+    let body = state
+        .compute(move || {
+            let traced = trace(&map, level, sigma_band, kind)?;
+            match format {
+                SVG => Ok(contour_picture(&map, &traced, width, &title)?.into_bytes()),
+                PNG => Ok(svg_to_png(&contour_picture(&map, &traced, width, &title)?)?),
+                _ => to_json(&to_geojson(&traced, FRAME)),
+            }
+        })
+        .await?;
+    Ok(tag.respond(format, body))
+}
+
+/// The occupancy grid map.
+#[utoipa::path(get, path = "/v1/maps/{id}/ogm", tag = "maps",
+    params(("id" = String, Path),
+        ("resolution" = Option<f64>, Query, description = "metres a cell; the lattice's by default"),
+        ("kind" = Option<String>, Query, description = "propagated (default) or posterior"),
+        ("format" = Option<String>, Query, description = "json, png or zip (map.yaml and map.pgm for Nav2)")),
+    responses((status = 200, description = "the fields of nav_msgs/OccupancyGrid; an image; or what Nav2's map_server loads",
+            content((Object = "application/json"), (Vec<u8> = "image/png"), (Vec<u8> = "application/zip"))),
+        (status = 304, description = "unchanged"),
+        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+pub async fn ogm(
+    State(state): State<AppState>,
+    Path(id): Path<String>,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let record = state.map_record(&id).await?;
+    let mut params = Params::of(&uri);
+    let resolution = params.number("resolution", 1e-4, 1e4).unwrap_or(record.lattice.resolution);
+    let kind = params.choice("kind", &KINDS);
+    let [width, height] = OccupancyGrid::size(&record.lattice, resolution);
+    if width * height > LARGEST_GRID {
+        params.fault("resolution", format!("gives {:.0} cells; the limit is {LARGEST_GRID:.0}", width * height));
+    }
+    let format = negotiate(&headers, &mut params, &[JSON, PNG, ZIP])?;
+    params.finish()?;
+    let tag = Tag::of(&uri, format);
+    if let Some(response) = tag.not_modified(&headers) {
+        return Ok(response);
+    }
+    let map = state.load(&record).await?;
+    let body = state
+        .compute(move || {
+            let grid = OccupancyGrid::of(&map, resolution, kind);
+            match format {
+                PNG => Ok(grayscale_png(grid.width as u32, grid.height as u32, &grid.to_gray())?),
+                ZIP => Ok(to_nav2_zip(&grid)?),
+                _ => to_json(&occupancy_json(&grid, &record)),
+            }
+        })
+        .await?;
+    Ok(tag.respond(format, body))
+}
+
+/// The field names of `nav_msgs/OccupancyGrid`.
+fn occupancy_json(grid: &OccupancyGrid, record: &MapRecord) -> Value {
+    json!({
+        "header": {"frame_id": FRAME, "stamp": timestamp_of(record)},
+        "info": {
+            "map_load_time": timestamp_of(record),
+            "resolution": grid.resolution,
+            "width": grid.width,
+            "height": grid.height,
+            "origin": {
+                "position": {"x": grid.origin[0], "y": grid.origin[1], "z": 0.0},
+                "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+            },
+        },
+        "data": grid.data,
+    })
+}
+
+/// A picture with axes in metres and a colour bar.
+#[utoipa::path(get, path = "/v1/maps/{id}/image", tag = "maps",
+    params(("id" = String, Path),
+        ("layer" = Option<String>, Query, description = "distance (default), sigma or occupancy"),
+        ("overlay" = Option<String>, Query, description = "contour, points, poses; comma-separated"),
+        ("kind" = Option<String>, Query, description = "propagated (default) or posterior"),
+        ("width" = Option<u32>, Query, minimum = 200, maximum = 4096, description = "pixels"),
+        ("format" = Option<String>, Query, description = "png or svg")),
+    responses((status = 200, content((Vec<u8> = "image/png"), (String = "image/svg+xml"))),
+        (status = 304, description = "unchanged"),
+        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+pub async fn image(
+    State(state): State<AppState>,
+    Path(id): Path<String>,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let record = state.map_record(&id).await?;
+    let mut params = Params::of(&uri);
+    let layers = [("distance", Layer::Distance), ("sigma", Layer::Sigma), ("occupancy", Layer::Occupancy)];
+    let layer = params.choice("layer", &layers);
+    let overlays = overlays(&mut params);
+    let kind = params.choice("kind", &KINDS);
+    let width = params.number("width", WIDTHS.0, WIDTHS.1).unwrap_or(DEFAULT_WIDTH);
+    let format = negotiate(&headers, &mut params, &[PNG, SVG])?;
+    params.finish()?;
+    let tag = Tag::of(&uri, format);
+    if let Some(response) = tag.not_modified(&headers) {
+        return Ok(response);
+    }
+    let map = state.load(&record).await?;
+    let name = match layer {
+        Layer::Distance => "distance",
+        Layer::Sigma => "standard deviation of the distance",
+        Layer::Occupancy => "occupancy",
+    };
+    let picture = Picture { layer, overlays, width, kind, title: title(&record, name) };
+    let body = state
+        .compute(move || {
+            let svg = map_picture(&map, &picture)?;
+            if format == SVG { Ok(svg.into_bytes()) } else { Ok(svg_to_png(&svg)?) }
+        })
+        .await?;
+    Ok(tag.respond(format, body))
+}
+
+fn overlays(params: &mut Params) -> Vec<Overlay> {
+    let text = params.text("overlay").unwrap_or_default().to_owned();
+    let mut overlays = Vec::new();
+    for name in text.split(',').map(str::trim).filter(|name| !name.is_empty()) {
+        match name {
+            "contour" => overlays.push(Overlay::Contour),
+            "points" => overlays.push(Overlay::Points),
+            "poses" => overlays.push(Overlay::Poses),
+            _ => params.fault("overlay", "must be contour, points or poses, comma-separated"),
+        }
+    }
+    // Points lie below lines, lines below poses, whatever order they were named in.
+    overlays
+        .sort_by_key(|overlay| [Overlay::Points, Overlay::Contour, Overlay::Poses].iter().position(|o| o == overlay));
+    overlays.dedup();
+    overlays
+}
+
+fn title(record: &MapRecord, what: &str) -> String {
+    match &record.name {
+        Some(name) => format!("{name}: {what}"),
+        None => what.to_owned(),
+    }
+}

@@ -1,0 +1,166 @@
+//! Errors as RFC 9457 problems.
+//!
+//! A handler returns a [`Problem`]; it travels in the response's extensions to [`super::conventions::finish`], which knows
+//! the request's id and path and writes the body.
+
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde_json::{Value, json};
+
+use crate::jobs::Fault;
+use crate::map::ArchiveError;
+use crate::render::RenderError;
+use crate::store::{ArtifactsError, StoreError};
+use crate::uncertainty::UncertaintyError;
+
+/// A problem; see the module.
+#[derive(Debug, Clone)]
+pub struct Problem {
+    pub status: StatusCode,
+    /// The last part of `type`; clients may match on it.
+    pub slug: &'static str,
+    pub title: &'static str,
+    pub detail: String,
+    pub errors: Vec<Value>,
+}
+
+impl Problem {
+    pub fn new(status: StatusCode, slug: &'static str, title: &'static str, detail: impl Into<String>) -> Self {
+        Self { status, slug, title, detail: detail.into(), errors: Vec::new() }
+    }
+
+    /// The problem of a status that needs no more words.
+    pub fn of_status(status: StatusCode) -> Self {
+        let (slug, title, detail) = match status {
+            StatusCode::BAD_REQUEST => ("bad-request", "Bad request", "the request cannot be read"),
+            StatusCode::NOT_FOUND => ("not-found", "Not found", "no such resource"),
+            StatusCode::METHOD_NOT_ALLOWED => {
+                ("method-not-allowed", "Method not allowed", "this resource has other methods; see Allow")
+            }
+            StatusCode::NOT_ACCEPTABLE => ("not-acceptable", "Not acceptable", "no format you accept is on offer"),
+            StatusCode::PAYLOAD_TOO_LARGE => ("too-large", "Too large", "the body is larger than the limit"),
+            StatusCode::UNSUPPORTED_MEDIA_TYPE => (
+                "unsupported-media-type",
+                "Unsupported media type",
+                "send application/json, as it is or with Content-Encoding gzip or zstd",
+            ),
+            StatusCode::SERVICE_UNAVAILABLE => ("unavailable", "Unavailable", "try again later"),
+            status if status.is_server_error() => ("internal-error", "Internal error", "the service failed"),
+            _ => ("bad-request", "Bad request", "the request cannot be answered"),
+        };
+        Self::new(status, slug, title, detail)
+    }
+
+    pub fn not_found(detail: impl Into<String>) -> Self {
+        Self { detail: detail.into(), ..Self::of_status(StatusCode::NOT_FOUND) }
+    }
+
+    pub fn not_acceptable(offered: &[&str]) -> Self {
+        let detail = format!("on offer: {}", offered.join(", "));
+        Self { detail, ..Self::of_status(StatusCode::NOT_ACCEPTABLE) }
+    }
+
+    /// A body that is not the JSON it should be.
+    pub fn malformed(error: &serde_json::Error) -> Self {
+        Self { detail: error.to_string(), slug: "malformed-json", ..Self::of_status(StatusCode::BAD_REQUEST) }
+    }
+
+    /// 422 with a fault a pointer.
+    pub fn invalid(faults: Vec<Fault>) -> Self {
+        let detail = match &faults[..] {
+            [one] => format!("{}: {}", if one.pointer.is_empty() { "the document" } else { &one.pointer }, one.detail),
+            many => format!("{} faults; see errors", many.len()),
+        };
+        let errors = faults.into_iter().map(|f| json!({"pointer": f.pointer, "detail": f.detail})).collect();
+        Self { errors, ..Self::unprocessable(detail) }
+    }
+
+    /// 422 with a fault a query parameter.
+    pub fn invalid_parameters(faults: Vec<(String, String)>) -> Self {
+        let detail = faults.iter().map(|(name, detail)| format!("{name} {detail}")).collect::<Vec<_>>().join("; ");
+        let errors = faults.into_iter().map(|(name, detail)| json!({"parameter": name, "detail": detail})).collect();
+        Self { errors, ..Self::unprocessable(detail) }
+    }
+
+    pub fn unprocessable(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid-request", "The request is invalid", detail)
+    }
+
+    fn internal(error: &dyn std::error::Error) -> Self {
+        tracing::error!(%error, "a request failed");
+        Self::of_status(StatusCode::INTERNAL_SERVER_ERROR)
+    }
+
+    /// The body, for a request's path and id.
+    pub fn to_json(&self, instance: &str, request_id: &str) -> Value {
+        let mut body = json!({
+            "type": format!("/problems/{}", self.slug),
+            "title": self.title,
+            "status": self.status.as_u16(),
+            "detail": self.detail,
+            "instance": instance,
+            "request_id": request_id,
+        });
+        if !self.errors.is_empty() {
+            body["errors"] = Value::Array(self.errors.clone());
+        }
+        body
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let mut response = self.status.into_response();
+        if self.status == StatusCode::SERVICE_UNAVAILABLE {
+            response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("5"));
+        }
+        response.extensions_mut().insert(self);
+        response
+    }
+}
+
+impl From<StoreError> for Problem {
+    fn from(error: StoreError) -> Self {
+        match error {
+            StoreError::Database(_) => {
+                tracing::error!(%error, "the database failed");
+                let detail = "the database cannot be reached or written; nothing was changed";
+                Self { detail: detail.into(), ..Self::of_status(StatusCode::SERVICE_UNAVAILABLE) }
+            }
+            other => Self::internal(&other),
+        }
+    }
+}
+
+impl From<ArtifactsError> for Problem {
+    fn from(error: ArtifactsError) -> Self {
+        match error {
+            ArtifactsError::Store(object_store::Error::NotFound { .. }) => Self::not_found("the map was deleted"),
+            other => Self::internal(&other),
+        }
+    }
+}
+
+impl From<ArchiveError> for Problem {
+    fn from(error: ArchiveError) -> Self {
+        Self::internal(&error)
+    }
+}
+
+impl From<RenderError> for Problem {
+    fn from(error: RenderError) -> Self {
+        Self::internal(&error)
+    }
+}
+
+impl From<UncertaintyError> for Problem {
+    fn from(error: UncertaintyError) -> Self {
+        Self::internal(&error)
+    }
+}
+
+impl From<tokio::task::JoinError> for Problem {
+    fn from(error: tokio::task::JoinError) -> Self {
+        Self::internal(&error)
+    }
+}

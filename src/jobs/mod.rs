@@ -1,0 +1,11 @@
+//! A job's life: what is asked for, and what is known of it.
+//!
+//! [`request`] turns JSON into a validated [`JobRequest`], listing every fault; [`record`] has the states a job goes
+//! through. Records are kept by the [store](crate::store) and worked on by the [worker](crate::worker).
+
+pub mod document;
+pub mod record;
+pub mod request;
+
+pub use record::{Job, JobStatus, MapRecord, ProblemReport, Progress};
+pub use request::{Fault, JobRequest, Limits, RequestError};

@@ -1,0 +1,447 @@
+//! A job request: JSON in, scans and options out, or every fault with a pointer to it.
+//!
+//! Pointers are RFC 6901. Every size is checked here, before anything of that size is built; a request that passes can
+//! be fitted. Members this version does not know are listed in `ignored`, so that a client learns of its typing errors.
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+use thiserror::Error;
+
+use super::document::Node;
+use crate::fit::{FitOptions, Poses, Weighting};
+use crate::geometry::{Bounds, Cov3, Pose, psd_square_root};
+use crate::scan::{LaserScan, Noise, returns_of};
+use crate::spline::{Lattice, LatticeError};
+
+/// One fault of a request.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fault {
+    /// RFC 6901, into the request body.
+    pub pointer: String,
+    pub detail: String,
+}
+
+#[derive(Debug, Error)]
+pub enum RequestError {
+    /// Not JSON, or a number f64 cannot carry, or nested too deeply.
+    #[error("{0}")]
+    Syntax(#[from] serde_json::Error),
+    #[error("the request has {} fault(s)", .0.len())]
+    Faults(Vec<Fault>),
+}
+
+/// What a request may ask for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    pub control_points: usize,
+    pub scans: usize,
+    pub beams_a_scan: usize,
+    /// Values in the whole document.
+    pub values: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { control_points: 200_000, scans: 20_000, beams_a_scan: 100_000, values: 8_000_000 }
+    }
+}
+
+/// A request that can be fitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JobRequest {
+    pub name: Option<String>,
+    pub labels: BTreeMap<String, String>,
+    pub priority: i32,
+    pub scans: Vec<LaserScan>,
+    pub noise: Noise,
+    pub lattice: Lattice,
+    pub options: FitOptions,
+    /// Pointers of members that have no meaning here.
+    pub ignored: Vec<String>,
+}
+
+/// Coordinates and ranges beyond this are no building's.
+const FARTHEST: f64 = 1e6;
+/// Standard deviations outside this cannot be squared into anything useful.
+const SIGMAS: (f64, f64) = (1e-6, 1e3);
+const LONGEST_TEXT: usize = 256;
+const MOST_LABELS: usize = 64;
+/// Faults listed at most; the rest are counted.
+const MOST_FAULTS: usize = 100;
+
+impl JobRequest {
+    /// Reads and validates a request.
+    pub fn parse(json: &[u8], limits: &Limits) -> Result<Self, RequestError> {
+        let document = Node::parse(json, limits.values)?;
+        let mut reader = Reader { limits, faults: Vec::new(), unlisted: 0, ignored: Vec::new() };
+        let request = reader.request(&document);
+        match request {
+            Some(request) if reader.faults.is_empty() => Ok(request),
+            _ => {
+                if reader.unlisted > 0 {
+                    let detail = format!("{} more faults are not listed", reader.unlisted);
+                    reader.faults.push(Fault { pointer: String::new(), detail });
+                }
+                Err(RequestError::Faults(reader.faults))
+            }
+        }
+    }
+}
+
+struct Reader<'a> {
+    limits: &'a Limits,
+    faults: Vec<Fault>,
+    unlisted: usize,
+    ignored: Vec<String>,
+}
+
+impl Reader<'_> {
+    fn fault<T>(&mut self, pointer: &str, detail: impl Into<String>) -> Option<T> {
+        if self.faults.len() < MOST_FAULTS {
+            self.faults.push(Fault { pointer: pointer.to_owned(), detail: detail.into() });
+        } else {
+            self.unlisted += 1;
+        }
+        None
+    }
+
+    fn request(&mut self, document: &Node) -> Option<JobRequest> {
+        if !matches!(document, Node::Object(_)) {
+            return self.fault("", format!("a job is an object, not {}", document.kind()));
+        }
+        self.known(document, "", &["name", "labels", "scans", "noise", "map", "fit", "priority"]);
+        let name = self.optional(document, "", "name", Self::text);
+        let labels = self.optional(document, "", "labels", Self::labels);
+        let priority = self.optional(document, "", "priority", |r, n, p| r.integer(n, p, -1000, 1000));
+        let scans = self.required(document, "", "scans", Self::scans);
+        let noise = self.required(document, "", "noise", Self::noise);
+        let options = self.optional(document, "", "fit", Self::fit);
+        let map = self.required(document, "", "map", Self::map);
+        let (scans, noise, map) = (scans?, noise?, map?);
+        let lattice = self.lattice(&scans, &map)?;
+        Some(JobRequest {
+            name: name?,
+            labels: labels?.unwrap_or_default(),
+            priority: priority?.unwrap_or(0) as i32,
+            scans,
+            noise,
+            lattice,
+            options: options?.unwrap_or_default(),
+            ignored: std::mem::take(&mut self.ignored),
+        })
+    }
+
+    fn lattice(&mut self, scans: &[LaserScan], map: &MapPart) -> Option<Lattice> {
+        let returns = returns_of(scans);
+        if returns.is_empty() {
+            return self.fault("/scans", "no beam of any scan has a return in [range_min, range_max]");
+        }
+        let seen = || returns.iter().map(|seen| seen.point);
+        let bounds = match map.bounds {
+            Some(bounds) => bounds,
+            None => Bounds::around(seen().chain(scans.iter().map(|scan| scan.pose.position())))?.grown(map.margin),
+        };
+        if bounds.min.iter().chain(&bounds.max).any(|v| v.abs() > 4.0 * FARTHEST) {
+            return self.fault("/map/bounds", "the map's area is too far from the origin");
+        }
+        match Lattice::covering(&bounds, map.resolution, self.limits.control_points) {
+            Ok(lattice) if seen().any(|p| lattice.locate(p).is_some()) => Some(lattice),
+            Ok(_) => self.fault("/map/bounds", "no return of any scan lies inside the bounds"),
+            Err(LatticeError::TooLarge { needed, limit }) => self.fault(
+                "/map/resolution",
+                format!("this resolution needs {needed:.0} control points for the map's area; the limit is {limit}"),
+            ),
+            Err(LatticeError::Bounds) => self.fault("/map/bounds", "the map's area is empty; give a margin or bounds"),
+            Err(error @ LatticeError::Resolution(_)) => self.fault("/map/resolution", error.to_string()),
+        }
+    }
+
+    fn scans(&mut self, node: &Node, at: &str) -> Option<Vec<LaserScan>> {
+        match node {
+            Node::Array(scans) if scans.len() > self.limits.scans => {
+                self.fault(at, format!("{} scans; the limit is {}", scans.len(), self.limits.scans))
+            }
+            Node::Array(scans) => {
+                let read: Vec<Option<LaserScan>> =
+                    scans.iter().enumerate().map(|(k, scan)| self.scan(scan, &format!("{at}/{k}"))).collect();
+                read.into_iter().collect()
+            }
+            Node::Numbers(none) if none.is_empty() => self.fault(at, "at least one scan is needed"),
+            Node::Numbers(_) => self.fault(at, "a scan is an object"),
+            other => self.fault(at, format!("must be an array of scans, not {}", other.kind())),
+        }
+    }
+
+    fn scan(&mut self, node: &Node, at: &str) -> Option<LaserScan> {
+        if !matches!(node, Node::Object(_)) {
+            return self.fault(at, format!("a scan is an object, not {}", node.kind()));
+        }
+        let names = ["pose", "pose_covariance", "angle_min", "angle_increment", "range_min", "range_max", "ranges"];
+        self.known(node, at, &names);
+        let pose = self.required(node, at, "pose", Self::pose);
+        let pose_covariance = self.optional(node, at, "pose_covariance", Self::covariance);
+        let angle_min = self.required(node, at, "angle_min", |r, n, p| r.number(n, p, -1e3, 1e3));
+        let angle_increment = self.required(node, at, "angle_increment", |r, n, p| r.number(n, p, -TAU, TAU));
+        let range_min = self.required(node, at, "range_min", |r, n, p| r.number(n, p, 0.0, FARTHEST));
+        let range_max = self.required(node, at, "range_max", |r, n, p| r.number(n, p, 0.0, FARTHEST));
+        let ranges = self.required(node, at, "ranges", Self::ranges);
+        if let (Some(low), Some(high)) = (range_min, range_max)
+            && low >= high
+        {
+            self.fault::<()>(&format!("{at}/range_max"), "must be greater than range_min");
+        }
+        if let (Some(increment), Some(ranges)) = (angle_increment, &ranges)
+            && ranges.len() > 1
+        {
+            if increment == 0.0 {
+                self.fault::<()>(&format!("{at}/angle_increment"), "must not be zero");
+            } else if (ranges.len() - 1) as f64 * increment.abs() > TAU * (1.0 + 1e-6) {
+                let detail = format!("{} beams at this increment span more than one turn", ranges.len());
+                self.fault::<()>(&format!("{at}/angle_increment"), detail);
+            }
+        }
+        Some(LaserScan {
+            pose: pose?,
+            pose_covariance: pose_covariance?,
+            angle_min: angle_min?,
+            angle_increment: angle_increment?,
+            range_min: range_min?,
+            range_max: range_max?,
+            ranges: ranges?,
+        })
+    }
+
+    fn ranges(&mut self, node: &Node, at: &str) -> Option<Vec<f64>> {
+        match node {
+            Node::Numbers(ranges) if ranges.is_empty() => self.fault(at, "a scan has at least one beam"),
+            Node::Numbers(ranges) if ranges.len() > self.limits.beams_a_scan => {
+                self.fault(at, format!("{} beams; the limit is {}", ranges.len(), self.limits.beams_a_scan))
+            }
+            Node::Numbers(ranges) => Some(ranges.clone()),
+            Node::Array(entries) => {
+                for (k, entry) in entries.iter().enumerate() {
+                    if !matches!(entry, Node::Number(_) | Node::Null) {
+                        let detail = format!("a range is a number or null, not {}", entry.kind());
+                        self.fault::<()>(&format!("{at}/{k}"), detail);
+                    }
+                }
+                None
+            }
+            other => self.fault(at, format!("must be an array of numbers and nulls, not {}", other.kind())),
+        }
+    }
+
+    fn pose(&mut self, node: &Node, at: &str) -> Option<Pose> {
+        self.object(node, at, &["x", "y", "theta"])?;
+        let x = self.required(node, at, "x", |r, n, p| r.number(n, p, -FARTHEST, FARTHEST));
+        let y = self.required(node, at, "y", |r, n, p| r.number(n, p, -FARTHEST, FARTHEST));
+        let theta = self.required(node, at, "theta", |r, n, p| r.number(n, p, -FARTHEST, FARTHEST));
+        Some(Pose::new(x?, y?, theta?))
+    }
+
+    fn covariance(&mut self, node: &Node, at: &str) -> Option<Cov3> {
+        let entries = self.numbers(node, at, 9)?;
+        let c = Cov3::from_row_slice(&entries);
+        let largest = c.amax();
+        if largest > SIGMAS.1 * SIGMAS.1 {
+            return self.fault(at, format!("variances must not exceed {:e}", SIGMAS.1 * SIGMAS.1));
+        }
+        if (c - c.transpose()).amax() > 1e-9 * largest {
+            return self.fault(at, "must be symmetric");
+        }
+        if psd_square_root(&c).is_none() {
+            return self.fault(at, "must be positive semi-definite");
+        }
+        Some((c + c.transpose()) * 0.5)
+    }
+
+    fn noise(&mut self, node: &Node, at: &str) -> Option<Noise> {
+        self.object(node, at, &["sigma_x", "sigma_y", "sigma_theta", "sigma_range"])?;
+        let mut sigma = |name| self.required(node, at, name, |r, n, p| r.positive(n, p, SIGMAS.0, SIGMAS.1));
+        let (x, y, theta, range) = (sigma("sigma_x"), sigma("sigma_y"), sigma("sigma_theta"), sigma("sigma_range"));
+        Some(Noise { sigma_x: x?, sigma_y: y?, sigma_theta: theta?, sigma_range: range? })
+    }
+
+    fn map(&mut self, node: &Node, at: &str) -> Option<MapPart> {
+        self.object(node, at, &["distance", "resolution", "bounds", "margin"])?;
+        let distance = self.required(node, at, "distance", |r, n, p| match r.choice(n, p, &["sdf", "vdf"])? {
+            "vdf" => r.fault(p, "vdf maps are not available in this version; use sdf"),
+            other => Some(other),
+        });
+        let resolution = self.required(node, at, "resolution", |r, n, p| r.positive(n, p, 1e-4, 1e4));
+        let bounds = self.optional(node, at, "bounds", Self::bounds);
+        let margin = self.optional(node, at, "margin", |r, n, p| r.number(n, p, 0.0, 1e4));
+        distance?;
+        let resolution = resolution?;
+        Some(MapPart { resolution, bounds: bounds?, margin: margin?.unwrap_or(3.0 * resolution) })
+    }
+
+    fn bounds(&mut self, node: &Node, at: &str) -> Option<Bounds> {
+        self.object(node, at, &["min", "max"])?;
+        let min = self.required(node, at, "min", |r, n, p| r.numbers(n, p, 2));
+        let max = self.required(node, at, "max", |r, n, p| r.numbers(n, p, 2));
+        let (min, max) = (min?, max?);
+        for axis in 0..2 {
+            if min[axis] >= max[axis] {
+                self.fault::<()>(&format!("{at}/max/{axis}"), "must be greater than min");
+            }
+        }
+        (min[0] < max[0] && min[1] < max[1]).then_some(Bounds { min: [min[0], min[1]], max: [max[0], max[1]] })
+    }
+
+    fn fit(&mut self, node: &Node, at: &str) -> Option<FitOptions> {
+        let names =
+            ["weighting", "poses", "max_iterations", "tolerance", "eikonal_weight", "eikonal_scale", "smoothing"];
+        self.object(node, at, &names)?;
+        let weighting = self.optional(node, at, "weighting", |r, n, p| r.choice(n, p, &["paper", "calibrated"]));
+        let poses = self.optional(node, at, "poses", |r, n, p| r.choice(n, p, &["fixed", "refined"]));
+        let max_iterations = self.optional(node, at, "max_iterations", |r, n, p| r.integer(n, p, 1, 1000));
+        let tolerance = self.optional(node, at, "tolerance", |r, n, p| r.positive(n, p, 1e-14, 1.0));
+        let mut weight = |name| self.optional(node, at, name, |r, n, p| r.positive(n, p, 1e-9, 1e9));
+        let (eikonal_weight, eikonal_scale) = (weight("eikonal_weight"), weight("eikonal_scale"));
+        let smoothing = self.optional(node, at, "smoothing", |r, n, p| r.number(n, p, 0.0, 1e9));
+        let (weighting, poses) = (weighting?, poses?);
+        if (weighting, poses) == (Some("paper"), Some("refined")) {
+            return self.fault(&format!("{at}/poses"), "the published objective has fixed poses; use calibrated");
+        }
+        let default = FitOptions::default();
+        Some(FitOptions {
+            weighting: if weighting == Some("paper") { Weighting::Paper } else { Weighting::Calibrated },
+            poses: poses.map(|poses| if poses == "fixed" { Poses::Fixed } else { Poses::Refined }),
+            max_iterations: max_iterations?.map_or(default.max_iterations, |n| n as usize),
+            tolerance: tolerance?.unwrap_or(default.tolerance),
+            eikonal_weight: eikonal_weight?,
+            eikonal_scale: eikonal_scale?,
+            smoothing: smoothing?,
+        })
+    }
+
+    fn labels(&mut self, node: &Node, at: &str) -> Option<BTreeMap<String, String>> {
+        let Node::Object(members) = node else {
+            return self.fault(at, format!("must be an object of strings, not {}", node.kind()));
+        };
+        if members.len() > MOST_LABELS {
+            return self.fault(at, format!("{} labels; the limit is {MOST_LABELS}", members.len()));
+        }
+        let mut labels = BTreeMap::new();
+        for (key, value) in members {
+            let pointer = format!("{at}/{}", key.replace('~', "~0").replace('/', "~1"));
+            if key.is_empty() || key.len() > LONGEST_TEXT || key.contains(':') {
+                self.fault::<()>(&pointer, "a label's key has 1 to 256 bytes and no colon");
+            }
+            if let Some(value) = self.text(value, &pointer) {
+                labels.insert(key.clone(), value);
+            }
+        }
+        Some(labels)
+    }
+
+    fn required<T>(
+        &mut self,
+        node: &Node,
+        at: &str,
+        name: &str,
+        read: impl FnOnce(&mut Self, &Node, &str) -> Option<T>,
+    ) -> Option<T> {
+        let pointer = format!("{at}/{name}");
+        match node.member(name) {
+            Some(value) => read(self, value, &pointer),
+            None => self.fault(&pointer, "is required"),
+        }
+    }
+
+    /// `Some(None)` where the member is absent or null; `None` where it is faulty.
+    fn optional<T>(
+        &mut self,
+        node: &Node,
+        at: &str,
+        name: &str,
+        read: impl FnOnce(&mut Self, &Node, &str) -> Option<T>,
+    ) -> Option<Option<T>> {
+        match node.member(name) {
+            None | Some(Node::Null) => Some(None),
+            Some(value) => read(self, value, &format!("{at}/{name}")).map(Some),
+        }
+    }
+
+    fn object(&mut self, node: &Node, at: &str, names: &[&str]) -> Option<()> {
+        if !matches!(node, Node::Object(_)) {
+            return self.fault(at, format!("must be an object, not {}", node.kind()));
+        }
+        self.known(node, at, names);
+        Some(())
+    }
+
+    fn known(&mut self, node: &Node, at: &str, names: &[&str]) {
+        let Node::Object(members) = node else { return };
+        for (key, _) in members {
+            if !names.contains(&key.as_str()) && self.ignored.len() < 20 {
+                self.ignored.push(format!("{at}/{}", key.chars().take(60).collect::<String>()));
+            }
+        }
+    }
+
+    fn number(&mut self, node: &Node, at: &str, low: f64, high: f64) -> Option<f64> {
+        match node {
+            Node::Number(value) if (low..=high).contains(value) => Some(*value),
+            Node::Number(value) => self.fault(at, format!("must lie in [{low}, {high}], not {value}")),
+            other => self.fault(at, format!("must be a number, not {}", other.kind())),
+        }
+    }
+
+    fn positive(&mut self, node: &Node, at: &str, low: f64, high: f64) -> Option<f64> {
+        match node {
+            Node::Number(value) if *value <= 0.0 => self.fault(at, format!("must be positive, not {value}")),
+            _ => self.number(node, at, low, high),
+        }
+    }
+
+    fn integer(&mut self, node: &Node, at: &str, low: i64, high: i64) -> Option<i64> {
+        let value = self.number(node, at, low as f64, high as f64)?;
+        if value.fract() == 0.0 {
+            Some(value as i64)
+        } else {
+            self.fault(at, format!("must be an integer, not {value}"))
+        }
+    }
+
+    fn numbers(&mut self, node: &Node, at: &str, count: usize) -> Option<Vec<f64>> {
+        match node {
+            Node::Numbers(values) if values.len() != count => {
+                self.fault(at, format!("must have {count} numbers, not {}", values.len()))
+            }
+            Node::Numbers(values) => match values.iter().position(|v| !v.is_finite() || v.abs() > 4.0 * FARTHEST) {
+                None => Some(values.clone()),
+                Some(k) => self.fault(&format!("{at}/{k}"), format!("must be a number of at most {FARTHEST:e}")),
+            },
+            Node::Array(_) => self.fault(at, format!("must have {count} numbers and nothing else")),
+            other => self.fault(at, format!("must be an array of {count} numbers, not {}", other.kind())),
+        }
+    }
+
+    fn text(&mut self, node: &Node, at: &str) -> Option<String> {
+        match node {
+            Node::Text(text) if text.len() > LONGEST_TEXT => {
+                self.fault(at, format!("has {} bytes; the limit is {LONGEST_TEXT}", text.len()))
+            }
+            Node::Text(text) if text.contains('\0') => self.fault(at, "must not contain U+0000"),
+            Node::Text(text) => Some(text.clone()),
+            other => self.fault(at, format!("must be a string, not {}", other.kind())),
+        }
+    }
+
+    fn choice<'c>(&mut self, node: &Node, at: &str, choices: &[&'c str]) -> Option<&'c str> {
+        let found = match node {
+            Node::Text(text) => choices.iter().copied().find(|choice| choice == text),
+            _ => None,
+        };
+        if found.is_some() { found } else { self.fault(at, format!("must be one of {}", choices.join(", "))) }
+    }
+}
+
+struct MapPart {
+    resolution: f64,
+    bounds: Option<Bounds>,
+    margin: f64,
+}

@@ -1,0 +1,169 @@
+//! The solvers: threads of their own that claim jobs, fit them and store what comes out, under a lease.
+//!
+//! A fit is CPU-bound for seconds to minutes, so it never runs on the threads that answer HTTP. A solver thread claims
+//! one job at a time. While it fits, a task on the async side keeps the lease by heartbeats and carries progress to the
+//! store; where the store says the lease is lost (cancelled, or lapsed and taken by another), the task raises the fit's
+//! flag, the fit stops within one step and writes nothing. Errors that would recur fail the job at once; only the
+//! infrastructure's errors retry, with backoff.
+
+mod attempt;
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use tokio::runtime::Handle;
+use tokio::sync::{Notify, watch};
+
+use crate::jobs::Limits;
+use crate::store::{Artifacts, Claim, JobStore};
+
+pub use attempt::{FitFailure, fit_request};
+
+/// How long an idle solver waits before it looks for work that nobody told it of.
+const IDLE: Duration = Duration::from_millis(500);
+/// How often lapsed leases are looked for.
+const REAP: Duration = Duration::from_secs(2);
+/// How often artifacts nobody names are swept.
+const SWEEP: Duration = Duration::from_secs(3600);
+
+/// What solvers and the HTTP side share.
+pub struct Workshop {
+    pub records: Arc<dyn JobStore>,
+    pub artifacts: Artifacts,
+    pub limits: Limits,
+    /// Told when a job was accepted.
+    pub arrivals: Notify,
+    /// Flags of the attempts that run in this process, by job.
+    running: Mutex<HashMap<String, Arc<AtomicBool>>>,
+    draining: watch::Sender<bool>,
+}
+
+impl Workshop {
+    pub fn new(records: Arc<dyn JobStore>, artifacts: Artifacts, limits: Limits) -> Arc<Self> {
+        let draining = watch::Sender::new(false);
+        Arc::new(Self { records, artifacts, limits, arrivals: Notify::new(), running: Mutex::default(), draining })
+    }
+
+    /// Stops a job's attempt in this process within one step, if it runs here.
+    pub fn stop(&self, job_id: &str) {
+        let running = self.running.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(flag) = running.get(job_id) {
+            flag.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Whether no new work is taken.
+    pub fn is_draining(&self) -> bool {
+        *self.draining.borrow()
+    }
+
+    /// Resolves once draining begins.
+    pub async fn drained(&self) {
+        let mut draining = self.draining.subscribe();
+        // The sender lives as long as this workshop, so waiting cannot fail.
+        let _ = draining.wait_for(|draining| *draining).await;
+    }
+
+    fn enter(&self, job_id: &str) -> Arc<AtomicBool> {
+        let flag = Arc::new(AtomicBool::new(false));
+        self.running.lock().unwrap_or_else(PoisonError::into_inner).insert(job_id.to_owned(), flag.clone());
+        flag
+    }
+
+    fn leave(&self, job_id: &str) {
+        self.running.lock().unwrap_or_else(PoisonError::into_inner).remove(job_id);
+    }
+}
+
+/// Solver threads, and the tasks beside them.
+pub struct Solvers {
+    workshop: Arc<Workshop>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Solvers {
+    /// Starts `count` solver threads, and the task that reaps lapsed leases.
+    pub fn start(workshop: Arc<Workshop>, count: usize, runtime: &Handle) -> std::io::Result<Self> {
+        runtime.spawn(keep_house(workshop.clone()));
+        let threads = (0..count)
+            .map(|k| {
+                let (workshop, runtime) = (workshop.clone(), runtime.clone());
+                let name = format!("{}-{k}", std::process::id());
+                std::thread::Builder::new().name(format!("solver-{k}")).spawn(move || solve(&workshop, &runtime, &name))
+            })
+            .collect::<Result<_, _>>()?;
+        Ok(Self { workshop, threads })
+    }
+
+    /// Takes no new work, lets running fits end within `grace`, then hands back to the queue what still runs.
+    pub fn drain(self, grace: Duration) {
+        self.workshop.draining.send_replace(true);
+        self.workshop.arrivals.notify_waiters();
+        let deadline = std::time::Instant::now() + grace;
+        while std::time::Instant::now() < deadline && self.threads.iter().any(|thread| !thread.is_finished()) {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        for flag in self.workshop.running.lock().unwrap_or_else(PoisonError::into_inner).values() {
+            flag.store(true, Ordering::Relaxed);
+        }
+        for thread in self.threads {
+            if thread.join().is_err() {
+                tracing::error!("a solver thread panicked");
+            }
+        }
+    }
+}
+
+fn solve(workshop: &Arc<Workshop>, runtime: &Handle, name: &str) {
+    while !workshop.is_draining() {
+        match runtime.block_on(next_claim(workshop, name)) {
+            Ok(Some(claim)) => {
+                let (id, attempt) = (claim.job.id.clone(), claim.job.attempt);
+                tracing::info!(job = %id, attempt, "attempt begins");
+                attempt::run(workshop, runtime, claim);
+                tracing::info!(job = %id, attempt, "attempt ends");
+            }
+            Ok(None) => {}
+            Err(error) => {
+                tracing::warn!(%error, "no claim could be made");
+                std::thread::sleep(IDLE);
+            }
+        }
+    }
+}
+
+async fn next_claim(workshop: &Workshop, name: &str) -> Result<Option<Claim>, crate::store::StoreError> {
+    // Listening starts before looking, so that a job accepted in between is not missed.
+    let arrival = workshop.arrivals.notified();
+    if let Some(claim) = workshop.records.claim(name).await? {
+        return Ok(Some(claim));
+    }
+    let _ = tokio::time::timeout(IDLE, arrival).await;
+    Ok(None)
+}
+
+async fn keep_house(workshop: Arc<Workshop>) {
+    let mut reap = tokio::time::interval(REAP);
+    let mut sweep = tokio::time::interval(SWEEP);
+    loop {
+        tokio::select! {
+            _ = reap.tick() => match workshop.records.reap().await {
+                Ok(0) => {}
+                Ok(lapsed) => {
+                    tracing::warn!(lapsed, "leases had lapsed");
+                    workshop.arrivals.notify_waiters();
+                }
+                Err(error) => tracing::warn!(%error, "lapsed leases could not be looked for"),
+            },
+            _ = sweep.tick() => match workshop.artifacts.sweep(&*workshop.records).await {
+                Ok(0) => {}
+                Ok(swept) => tracing::info!(swept, "artifacts nobody names were removed"),
+                Err(error) => tracing::warn!(%error, "artifacts could not be swept"),
+            },
+            () = workshop.drained() => return,
+        }
+    }
+}
