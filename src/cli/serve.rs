@@ -67,7 +67,7 @@ impl Serve {
     pub fn run(self) -> Result<(), CliError> {
         let runtime = runtime()?;
         let service = runtime.block_on(Running::start(self.listen, &self.house))?;
-        tracing::info!(address = %service.address, data = %self.house.data.display(), "serving");
+        println!("serving on http://{}", service.address);
         runtime.block_on(stop_signal());
         service.stop(&runtime);
         Ok(())

@@ -35,8 +35,8 @@ use crate::scan::{Evidence, LaserScan, Noise, Return, ReturnNoise, returns_of};
 use crate::sparse::{Cholesky, SparseError, Stencil};
 use crate::spline::{Lattice, Surface};
 
-/// Refining poses takes this many numbers at most (control points x pose unknowns): 128 MB a copy.
-const LARGEST_BORDER: usize = 16_000_000;
+/// Refining poses takes this many numbers at most (control points x pose unknowns): beyond, a step would be all border.
+const LARGEST_BORDER: usize = 2_000_000;
 
 #[derive(Debug, Error)]
 pub enum FitError {

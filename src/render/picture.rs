@@ -68,7 +68,8 @@ pub fn contour_picture(map: &FittedMap, traced: &Contours, width: usize, title: 
 }
 
 fn distance_layer(map: &FittedMap, figure: &mut Figure) -> Result<(), RenderError> {
-    let reach = map.surface.coefficients.iter().fold(0.0f64, |worst, c| worst.max(c.abs())).clamp(0.1, 1e6);
+    let seen = seen_sample(map, figure.axes, |p| map.surface.value(p));
+    let reach = seen.last().copied().unwrap_or(1.0).max(-seen.first().copied().unwrap_or(0.0)).clamp(0.1, 1e6);
     let color = |u: f64| shade(colorous::RED_BLUE, 0.5 - 0.5 * u / reach);
     figure.raster(|p| {
         let Some(u) = map.surface.value(p) else { return UNSEEN };
@@ -85,20 +86,28 @@ fn distance_layer(map: &FittedMap, figure: &mut Figure) -> Result<(), RenderErro
 }
 
 fn sigma_layer(map: &FittedMap, kind: Kind, figure: &mut Figure) -> Result<(), RenderError> {
-    let axes = figure.axes;
     let at = |p: Vec2| {
         let seen = map.evidence.at(map.lattice(), p).any();
         map.distance(p, kind).filter(|_| seen).map(|(_, sigma)| sigma)
     };
-    let (rows, columns) = (axes.height.div_ceil(4), axes.width.div_ceil(4));
-    let mut seen: Vec<f64> =
-        (0..rows * columns).filter_map(|k| at(axes.point(4 * (k % columns), 4 * (k / columns)))).collect();
-    seen.sort_by(f64::total_cmp);
+    let seen = seen_sample(map, figure.axes, |p| map.distance(p, kind).map(|(_, sigma)| sigma));
     let high = seen.get(seen.len().saturating_sub(1) * 99 / 100).copied().unwrap_or(1.0).max(1e-6);
     let color = |sigma: f64| shade(colorous::VIRIDIS, sigma / high);
     figure.raster(|p| at(p).map_or(UNSEEN, |sigma| opaque(color(sigma))))?;
     figure.color_bar(0.0, high, "sigma (m)", color);
     Ok(())
+}
+
+/// A layer's values where there is evidence, on every fourth pixel, ascending: what a colour scale is chosen from.
+fn seen_sample(map: &FittedMap, axes: Axes, value: impl Fn(Vec2) -> Option<f64>) -> Vec<f64> {
+    let (rows, columns) = (axes.height.div_ceil(4), axes.width.div_ceil(4));
+    let mut seen: Vec<f64> = (0..rows * columns)
+        .map(|k| axes.point(4 * (k % columns), 4 * (k / columns)))
+        .filter(|&p| map.evidence.at(map.lattice(), p).any())
+        .filter_map(value)
+        .collect();
+    seen.sort_by(f64::total_cmp);
+    seen
 }
 
 fn occupancy_layer(map: &FittedMap, kind: Kind, figure: &mut Figure) -> Result<(), RenderError> {
