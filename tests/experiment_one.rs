@@ -71,7 +71,9 @@ fn calibrated_weighting_meets_its_bars() {
         contour.push(contour_share_within(&scenario, &map, 0.03));
     }
     let (boundary, inside, contour) = (median(boundary), median(inside), median(contour));
-    println!("calibrated: boundary rms {boundary:.4} m, inside rmse {inside:.4} m, contour within 3 cm {contour:.3}, at most {factorisations} factorisations");
+    println!(
+        "calibrated: boundary rms {boundary:.4} m, inside rmse {inside:.4} m, contour within 3 cm {contour:.3}, at most {factorisations} factorisations"
+    );
     assert!(boundary <= 0.013 && inside <= 0.016 && contour >= 0.95 && factorisations <= 60);
 }
 

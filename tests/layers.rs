@@ -4,8 +4,21 @@ use std::path::{Path, PathBuf};
 
 /// From the ground up: each may use those before it.
 const ROOMS: [&str; 15] = [
-    "geometry", "spline", "sparse", "scan", "fit", "uncertainty", "map", "render", "sim", "import", "jobs", "store",
-    "worker", "http", "cli",
+    "geometry",
+    "spline",
+    "sparse",
+    "scan",
+    "fit",
+    "uncertainty",
+    "map",
+    "render",
+    "sim",
+    "import",
+    "jobs",
+    "store",
+    "worker",
+    "http",
+    "cli",
 ];
 /// The rooms that build with `--no-default-features`.
 const PURE: usize = 9;
