@@ -1,0 +1,70 @@
+//! Our files before their own readers: numpy and scipy for arrays, map_server's rules with PyYAML and Pillow for grids.
+//!
+//! `scripts/test` names the interpreter in `MAPFIT_PYTHON`; without it these tests say that they were skipped.
+
+mod support;
+
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::json;
+use support::{Server, experiment_one, small};
+
+fn judge(script: &str, arguments: &[&str]) {
+    let Some(python) = std::env::var_os("MAPFIT_PYTHON") else {
+        assert!(std::env::var_os("CI").is_none(), "CI has the judges");
+        eprintln!("SKIPPED {script}: MAPFIT_PYTHON is not set; run scripts/test");
+        return;
+    };
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/judges").join(script);
+    let output = Command::new(python).arg(script).args(arguments).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+fn scipy_reads_the_arrays_and_finds_them_consistent() {
+    let data = tempfile::tempdir().unwrap();
+    let files = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 1);
+    for poses in ["refined", "fixed"] {
+        let mut request = small(3);
+        request["fit"] = json!({"poses": poses});
+        let own = format!("/v1/maps/{}", server.map_of(&request));
+        let save = |name: &str, path: &str| {
+            let answer = server.get(&format!("{own}/{path}"));
+            assert_eq!(answer.status, 200, "{path}");
+            std::fs::write(files.path().join(name), answer.body).unwrap();
+        };
+        save("coefficients.npz", "coefficients?format=npz");
+        save("coefficients.json", "coefficients");
+        save("factors.npz", "covariance?form=factors");
+        for kind in ["propagated", "posterior"] {
+            save(&format!("{kind}-diagonal.npz"), &format!("covariance?kind={kind}&format=npz"));
+            save(&format!("{kind}-sparse.npz"), &format!("covariance?kind={kind}&form=sparse"));
+            save(&format!("{kind}-full.npz"), &format!("covariance?kind={kind}&form=full"));
+        }
+        let points = json!([[0.1, 3.0], [2.3, 2.2], [7.9, 0.3], [6.0, 6.5], [4.05, 4.1]]);
+        let ask = |kind: &str| server.post(&format!("{own}/query"), &json!({"points": points, "kind": kind})).json();
+        let (propagated, posterior) = (ask("propagated"), ask("posterior"));
+        let query = json!({"points": points, "distance": propagated["distance"],
+            "sigma_propagated": propagated["sigma"], "sigma_posterior": posterior["sigma"]});
+        std::fs::write(files.path().join("query.json"), query.to_string()).unwrap();
+        let lattice = server.get(&own).json()["lattice"]["control_points"].clone();
+        judge("arrays.py", &[files.path().to_str().unwrap(), &lattice[0].to_string(), &lattice[1].to_string()]);
+    }
+}
+
+#[test]
+fn map_server_reads_the_grid() {
+    let data = tempfile::tempdir().unwrap();
+    let files = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 1);
+    let own = format!("/v1/maps/{}", server.map_of(&experiment_one(1)));
+    for resolution in ["0.05", "0.13", "0.2", "0.5"] {
+        for format in ["json", "png", "zip"] {
+            let answer = server.get(&format!("{own}/ogm?resolution={resolution}&format={format}"));
+            std::fs::write(files.path().join(format!("ogm.{format}")), answer.body).unwrap();
+        }
+        judge("nav2.py", &[files.path().to_str().unwrap()]);
+    }
+}
