@@ -40,7 +40,10 @@ fn the_seattle_corridor_becomes_a_map_that_follows_its_walls() {
     off.sort_by(f64::total_cmp);
     let (median, most) = (off[off.len() / 2], off[off.len() * 9 / 10]);
     let peak = server.peak_memory() >> 20;
-    println!("{} returns: median {median:.3} m from the contour, 90 % within {most:.3} m; peak memory {peak} MiB", off.len());
+    println!(
+        "{} returns: median {median:.3} m from the contour, 90 % within {most:.3} m; peak memory {peak} MiB",
+        off.len()
+    );
     println!("fit: {}", map["fit"]);
     assert!(median < 0.03 && most < 0.12 && peak < 1024);
 }

@@ -136,10 +136,8 @@ async fn a_retry_waits_its_delay(store: &dyn JobStore) {
 }
 
 async fn idempotency_keys_belong_to_a_tenant(store: &dyn JobStore) {
-    let keyed = |tenant: &str, body: &str| NewJob {
-        idempotency: Some(("k".into(), body.into())),
-        ..new_job(tenant, 0)
-    };
+    let keyed =
+        |tenant: &str, body: &str| NewJob { idempotency: Some(("k".into(), body.into())), ..new_job(tenant, 0) };
     let first = accept(store, keyed("a", "one")).await;
     let Submission::Repeated(again) = store.submit(keyed("a", "one")).await.unwrap() else { panic!() };
     assert_eq!(again.id, first.id);

@@ -3,6 +3,7 @@
 mod client;
 mod demo;
 mod fit;
+mod health;
 mod serve;
 mod submit;
 
@@ -33,6 +34,8 @@ enum Command {
     Fit(fit::FitCommand),
     /// Serve, submit the bundled example, write its pictures, keep serving.
     Demo(demo::Demo),
+    /// Ask whether a server is ready; the exit code tells.
+    Health(health::Health),
 }
 
 /// Why a command failed, in words for a terminal.
@@ -74,6 +77,7 @@ pub fn main() -> std::process::ExitCode {
         Command::Submit(command) => command.run(),
         Command::Fit(command) => command.run(),
         Command::Demo(command) => command.run(),
+        Command::Health(command) => command.run(),
     };
     match outcome {
         Ok(()) => std::process::ExitCode::SUCCESS,

@@ -135,8 +135,8 @@ impl Objective {
                 let row = &point.row;
                 let jet = self.eikonal.jet(Vec2::new(dot(&row.dx, &local), dot(&row.dy, &local)), curvature);
                 total += jet.value;
-                for k in 0..SUPPORT {
-                    slope[k] += jet.gradient.x * row.dx[k] + jet.gradient.y * row.dy[k];
+                for ((slope, dx), dy) in slope.iter_mut().zip(&row.dx).zip(&row.dy) {
+                    *slope += jet.gradient.x * dx + jet.gradient.y * dy;
                 }
                 block.add_scaled(jet.hessian[(0, 0)], &point.xx);
                 block.add_scaled(2.0 * jet.hessian[(0, 1)], &point.xy);

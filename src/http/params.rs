@@ -50,7 +50,7 @@ impl Params {
     }
 
     /// One of the choices; the first where the parameter is absent.
-    pub fn choice<'c, T: Copy>(&mut self, name: &str, choices: &[(&'c str, T)]) -> T {
+    pub fn choice<T: Copy>(&mut self, name: &str, choices: &[(&str, T)]) -> T {
         match self.text(name) {
             None => choices[0].1,
             Some(text) => match choices.iter().find(|(known, _)| *known == text) {

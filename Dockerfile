@@ -1,0 +1,24 @@
+# mapfit in a container. Without API keys it listens on loopback only, so run it in the host's network:
+#   docker build -t mapfit . && docker run --network host -v mapfit:/var/lib/mapfit mapfit
+FROM rust:1.95-bookworm AS build
+WORKDIR /src
+COPY Cargo.toml Cargo.lock ./
+COPY assets assets
+COPY benches benches
+COPY console console
+COPY migrations migrations
+COPY src src
+RUN cargo build --release --locked --bin mapfit
+
+FROM debian:bookworm-slim
+RUN useradd --system --uid 10001 --home-dir /var/lib/mapfit mapfit \
+    && install -d -o mapfit -g mapfit /var/lib/mapfit
+COPY --from=build /src/target/release/mapfit /usr/local/bin/mapfit
+USER mapfit
+ENV MAPFIT_DATA=/var/lib/mapfit
+VOLUME /var/lib/mapfit
+EXPOSE 8080
+STOPSIGNAL SIGTERM
+HEALTHCHECK --interval=15s --timeout=3s --start-period=5s CMD ["mapfit", "health"]
+ENTRYPOINT ["mapfit"]
+CMD ["serve"]
