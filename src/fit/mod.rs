@@ -1,7 +1,7 @@
 //! The weighted non-linear least-squares fit of a signed distance surface to scans.
 //!
-//! [`fit`] is the one way in: it gathers evidence, makes a start ([`start`]), sets up the objective ([`objective`]) with
-//! resolved weights ([`options`]) and minimises it ([`newton`]). The result keeps what the covariance needs: the
+//! [`fit`] is the one way in: it gathers evidence, makes a start (`start`), sets up the objective (`objective`) with
+//! resolved weights (`options`) and minimises it (`newton`). The result keeps what the covariance needs: the
 //! objective, the unknowns and the Hessian at the minimum.
 
 mod bordered;

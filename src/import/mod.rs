@@ -1,6 +1,6 @@
 //! Robot logs into job requests.
 //!
-//! [`carmen`] reads CARMEN logs. What comes out is the contract's JSON, so a log goes the way any client's job goes.
+//! `carmen` reads CARMEN logs. What comes out is the contract's JSON, so a log goes the way any client's job goes.
 
 mod carmen;
 

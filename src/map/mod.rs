@@ -1,7 +1,7 @@
 //! A fitted map: the surface, its uncertainty, where there is evidence; questions about it, and its files.
 //!
-//! [`FittedMap`] is made from a [`Fit`] once; from then on it never changes. [`query`] answers what
-//! lies at a point. [`npz`] is how arrays become files that numpy opens; [`archive`] is a map as such files.
+//! [`FittedMap`] is made from a [`Fit`] once; from then on it never changes. `query` answers what
+//! lies at a point. [`npz`] is how arrays become files that numpy opens; `archive` is a map as such files.
 
 mod archive;
 pub mod npz;

@@ -10,7 +10,7 @@
 //! - *posterior*: `2 M^-1` (the objective has no factor 1/2), the Laplace approximation; it grows where nothing was seen.
 //!
 //! With refined poses both are marginal over them. [`Marginals`] holds the entries between control points that share a
-//! cell, by selected inversion ([`marginals`]); [`Factors`] is what any entry can be formed from ([`factors`]).
+//! cell, by selected inversion ([`marginals`]); [`Factors`] is what any entry can be formed from (`factors`).
 
 mod factors;
 mod inputs;
