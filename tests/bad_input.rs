@@ -229,6 +229,8 @@ fn bombs_and_floods_are_cut_off() {
         let answer = Clock::check(encoding, || server.send("POST", "/v1/jobs", &headers, Some(&bomb)));
         answer.problem(413);
     }
+    let flood = vec![b' '; 80 << 20];
+    server.send("POST", "/v1/jobs", &[JSON], Some(&flood)).problem(413);
     let million_lists = format!("{{\"scans\": [{}]}}", "[],".repeat(9_000_000) + "[]");
     server.send("POST", "/v1/jobs", &[JSON], Some(million_lists.as_bytes())).problem(400);
     server.send("POST", "/v1/jobs", &[JSON, ("content-encoding", "gzip")], Some(b"not gzip at all")).problem(400);

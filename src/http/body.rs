@@ -1,39 +1,112 @@
-//! Request bodies: JSON, decompressed already, read whole up to the limit.
+//! Request bodies: JSON, as it is or compressed, whole and within the limit.
+//!
+//! The body is received whole before it is answered, even where it is refused: a server that answers and hangs up while a
+//! client still sends makes the client see a broken connection instead of the answer. What is over the limit is thrown
+//! away as it comes, for a bounded while. Decompression stops where its output outgrows the limit, so a bomb costs no
+//! more than an honest body.
+
+use std::io::Read;
+use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::{HeaderMap, StatusCode, header};
-use bytes::Bytes;
-use http_body_util::{BodyExt, LengthLimitError, Limited};
+use bytes::{Bytes, BytesMut};
+use http_body_util::BodyExt;
 
+use super::Service;
 use super::problem::Problem;
 
-/// The body's bytes. The limit applies after decompression, so a bomb is cut off where it outgrows it.
-pub async fn read_json(headers: &HeaderMap, body: Body, limit: usize) -> Result<Bytes, Problem> {
-    let media = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
-    let media = media.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
-    if media != "application/json" && !(media.starts_with("application/") && media.ends_with("+json")) {
-        return Err(Problem::of_status(StatusCode::UNSUPPORTED_MEDIA_TYPE));
-    }
-    match Limited::new(body, limit).collect().await {
-        Ok(collected) => Ok(collected.to_bytes()),
-        Err(error) if is_too_large(&*error) => {
-            let detail = format!("the body is larger than {limit} bytes after decompression");
-            Err(Problem { detail, ..Problem::of_status(StatusCode::PAYLOAD_TOO_LARGE) })
-        }
-        Err(error) => {
-            let detail = format!("the body cannot be read: {error}");
-            Err(Problem { detail, ..Problem::of_status(StatusCode::BAD_REQUEST) })
+/// How much of a refused body is received, as a multiple of the limit, and for how long.
+const PATIENCE: usize = 4;
+const PATIENCE_FOR: Duration = Duration::from_secs(20);
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Encoding {
+    Identity,
+    Gzip,
+    Zstd,
+}
+
+impl Service {
+    /// A JSON body's bytes, decompressed.
+    pub async fn read_json(&self, headers: &HeaderMap, body: Body) -> Result<Bytes, Problem> {
+        let limit = self.body_limit;
+        let received = receive(body, limit).await;
+        check_media_type(headers)?;
+        let encoding = encoding(headers)?;
+        let raw = received?;
+        match encoding {
+            Encoding::Identity => Ok(raw),
+            Encoding::Gzip => self.compute(move || unpack(flate2::read::MultiGzDecoder::new(&raw[..]), limit)).await,
+            Encoding::Zstd => {
+                let decoder = move || unpack(zstd::Decoder::new(&raw[..]).map_err(|e| unreadable(&e))?, limit);
+                self.compute(decoder).await
+            }
         }
     }
 }
 
-fn is_too_large(error: &(dyn std::error::Error + 'static)) -> bool {
-    let mut link = Some(error);
-    while let Some(error) = link {
-        if error.is::<LengthLimitError>() {
-            return true;
-        }
-        link = error.source();
+fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
+    let media = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    let media = media.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
+    if media == "application/json" || (media.starts_with("application/") && media.ends_with("+json")) {
+        Ok(())
+    } else {
+        Err(Problem::of_status(StatusCode::UNSUPPORTED_MEDIA_TYPE))
     }
-    false
+}
+
+fn encoding(headers: &HeaderMap) -> Result<Encoding, Problem> {
+    let named = headers.get(header::CONTENT_ENCODING).map(|value| value.to_str().unwrap_or("?").trim().to_lowercase());
+    match named.as_deref() {
+        None | Some("" | "identity") => Ok(Encoding::Identity),
+        Some("gzip" | "x-gzip") => Ok(Encoding::Gzip),
+        Some("zstd") => Ok(Encoding::Zstd),
+        Some(_) => Err(Problem::of_status(StatusCode::UNSUPPORTED_MEDIA_TYPE)),
+    }
+}
+
+async fn receive(mut body: Body, limit: usize) -> Result<Bytes, Problem> {
+    let mut kept = BytesMut::new();
+    let mut length = 0usize;
+    let whole = async {
+        while let Some(frame) = body.frame().await {
+            let frame = frame.map_err(|error| unreadable(&error))?;
+            let Ok(data) = frame.into_data() else { continue };
+            length = length.saturating_add(data.len());
+            if length <= limit {
+                kept.extend_from_slice(&data);
+            } else {
+                kept = BytesMut::new();
+                if length > PATIENCE * limit {
+                    break;
+                }
+            }
+        }
+        Ok::<(), Problem>(())
+    };
+    let in_time = tokio::time::timeout(PATIENCE_FOR.max(Duration::from_secs(limit as u64 >> 20)), whole).await;
+    match in_time {
+        Ok(outcome) => outcome?,
+        Err(_) => {
+            return Err(Problem::new(StatusCode::REQUEST_TIMEOUT, "timeout", "Timeout", "the body came too slowly"));
+        }
+    }
+    if length > limit { Err(too_large(limit)) } else { Ok(kept.freeze()) }
+}
+
+fn unpack(decoder: impl Read, limit: usize) -> Result<Bytes, Problem> {
+    let mut unpacked = Vec::new();
+    decoder.take(limit as u64 + 1).read_to_end(&mut unpacked).map_err(|error| unreadable(&error))?;
+    if unpacked.len() > limit { Err(too_large(limit)) } else { Ok(unpacked.into()) }
+}
+
+fn too_large(limit: usize) -> Problem {
+    let detail = format!("the body is larger than {limit} bytes after decompression");
+    Problem { detail, ..Problem::of_status(StatusCode::PAYLOAD_TOO_LARGE) }
+}
+
+fn unreadable(error: &dyn std::fmt::Display) -> Problem {
+    let detail = format!("the body cannot be read: {error}");
+    Problem { detail, ..Problem::of_status(StatusCode::BAD_REQUEST) }
 }

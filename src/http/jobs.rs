@@ -12,7 +12,6 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 use utoipa::ToSchema;
 
-use super::body::read_json;
 use super::params::{Params, to_cursor};
 use super::problem::Problem;
 use super::{AppState, TENANT};
@@ -110,7 +109,7 @@ pub(crate) fn page<S, T: ToSchema + From<S>>(mut rows: Vec<S>, limit: i64, id: i
         (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json"),
     ))]
 pub async fn submit(State(state): State<AppState>, headers: HeaderMap, body: Body) -> Result<Response, Problem> {
-    let bytes = read_json(&headers, body, state.body_limit).await?;
+    let bytes = state.read_json(&headers, body).await?;
     let key = idempotency_key(&headers)?;
     let limits = state.workshop.limits;
     let new = state.compute(move || prepare(&bytes, key, &limits)).await?;

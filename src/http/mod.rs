@@ -30,7 +30,6 @@ use axum::Router;
 use axum::middleware::from_fn;
 use axum::routing::{get, post};
 use tower_http::catch_panic::CatchPanicLayer;
-use tower_http::decompression::RequestDecompressionLayer;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use crate::worker::Workshop;
@@ -78,7 +77,6 @@ pub fn router(workshop: Arc<Workshop>) -> Router {
         .fallback(|| async { Problem::not_found("no such resource") })
         .method_not_allowed_fallback(|| async { Problem::of_status(axum::http::StatusCode::METHOD_NOT_ALLOWED) })
         .with_state(state)
-        .layer(RequestDecompressionLayer::new())
         .layer(CatchPanicLayer::custom(conventions::after_panic))
         .layer(from_fn(conventions::finish))
 }

@@ -8,7 +8,6 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::AppState;
-use super::body::read_json;
 use super::maps::to_json;
 use super::problem::Problem;
 use crate::geometry::Vec2;
@@ -59,8 +58,9 @@ pub async fn query(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
+    let bytes = state.read_json(&headers, body).await;
     let record = state.map_record(&id).await?;
-    let bytes = read_json(&headers, body, state.body_limit).await?;
+    let bytes = bytes?;
     let map = state.load(&record).await?;
     let answer = state
         .compute(move || {
