@@ -101,7 +101,7 @@ pub fn wrap_angle(angle: f64) -> f64 {
 /// A Cholesky decomposition would refuse the singular covariances that an exactly known coordinate gives, so this
 /// one goes through the eigenvalues. Eigenvalues above `-1e-12` of the largest count as zero.
 pub fn psd_square_root(c: &Cov3) -> Option<Cov3> {
-    if !c.iter().all(|v| v.is_finite()) {
+    if !c.iter().all(|v| v.is_finite()) || c.diagonal().iter().any(|v| *v < 0.0) {
         return None;
     }
     let scale = c.diagonal().amax();

@@ -232,7 +232,7 @@ fn bombs_and_floods_are_cut_off() {
     let flood = vec![b' '; 80 << 20];
     server.send("POST", "/v1/jobs", &[JSON], Some(&flood)).problem(413);
     let million_lists = format!("{{\"scans\": [{}]}}", "[],".repeat(9_000_000) + "[]");
-    server.send("POST", "/v1/jobs", &[JSON], Some(million_lists.as_bytes())).problem(400);
+    server.send("POST", "/v1/jobs", &[JSON], Some(million_lists.as_bytes())).problem(413);
     server.send("POST", "/v1/jobs", &[JSON, ("content-encoding", "gzip")], Some(b"not gzip at all")).problem(400);
     assert!(server.peak_memory() < 700 << 20, "{} MiB", server.peak_memory() >> 20);
     assert_eq!(server.get("/livez").status, 200);

@@ -12,7 +12,7 @@ use serde_json::json;
 use super::CliError;
 use super::submit::read_unzipped;
 use crate::jobs::{JobRequest, Limits, Progress, RequestError};
-use crate::map::{FittedMap, factors_to_npz};
+use crate::map::{ArchiveError, FittedMap, factors_to_npz, on_lattice_npz, scipy_sparse};
 use crate::render::{
     Layer, OccupancyGrid, Overlay, Picture, contours, map_picture, svg_to_png, to_geojson, to_nav2_zip,
 };
@@ -59,6 +59,10 @@ impl FitCommand {
 /// A map's files: arrays, contour, OGM, pictures.
 fn write_map(out: &Path, map: &FittedMap, name: &str) -> Result<(), CliError> {
     write(out, "map.npz", &map.to_npz()?)?;
+    let coefficients = on_lattice_npz(map.lattice(), &[("sdf", &map.surface.coefficients)]);
+    write(out, "coefficients.npz", &coefficients.map_err(ArchiveError::from)?)?;
+    let covariance = scipy_sparse(map.marginals.of(Kind::Propagated));
+    write(out, "covariance.npz", &covariance.map_err(ArchiveError::from)?)?;
     let report = serde_json::to_string_pretty(&json!({"lattice": map.lattice(), "fit": map.report}));
     let report = report.map_err(|error| CliError::Server(error.to_string()))?;
     write(out, "fit.json", report.as_bytes())?;

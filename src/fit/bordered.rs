@@ -119,6 +119,18 @@ impl Bordered {
         }
     }
 
+    /// Solves `M X = B` in place for a block of right-hand sides; unchecked.
+    pub fn solve_block(&self, cholesky: &Cholesky, rhs: MatMut<'_, f64>) -> Result<(), SparseError> {
+        let (mut c, mut e) = rhs.split_at_row_mut(self.w.nrows());
+        if let Some(schur) = &self.schur {
+            matmul(e.as_mut(), Accum::Add, self.w.transpose(), c.as_ref(), -1.0, Par::Seq);
+            schur.solve_in_place(e.as_mut());
+        }
+        cholesky.solve_block(c.as_mut())?;
+        matmul(c, Accum::Add, self.w.as_ref(), e.as_ref(), -1.0, Par::Seq);
+        Ok(())
+    }
+
     /// `S^-1 B` for a block of pose right-hand sides; `B` itself where no pose is unknown.
     pub fn solve_poses(&self, mut rhs: Mat<f64>) -> Mat<f64> {
         if let Some(schur) = &self.schur {

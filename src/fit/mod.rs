@@ -30,13 +30,18 @@ pub use options::{FitOptions, Poses, Weighting, Weights};
 pub use sightings::{Placed, Sighting, Sightings, Viewpoint, Weighing};
 pub use start::signed_nearest_return;
 
-use crate::geometry::{Cov3, Pose, Vec2, psd_square_root};
+use crate::geometry::{Cov3, Pose, psd_square_root};
 use crate::scan::{Evidence, LaserScan, Noise, Return, ReturnNoise, returns_of};
 use crate::sparse::{Cholesky, SparseError, Stencil};
 use crate::spline::{Lattice, Surface};
 
 /// Refining poses takes this many numbers at most (control points x pose unknowns): beyond, a step would be all border.
 const LARGEST_BORDER: usize = 2_000_000;
+
+/// `calibrated` asks for unit slope where there is evidence, and this many cells around it. Farther off, nothing says which
+/// of the many distance functions is the true one; the surface is continued smoothly, and a fit of a half-seen place
+/// converges.
+const EIKONAL_BAND: usize = 1;
 
 #[derive(Debug, Error)]
 pub enum FitError {
@@ -101,8 +106,7 @@ pub fn fit(
     let evidence = Evidence::gather(lattice, scans);
     let stencil = Stencil::of(lattice);
     let mut cholesky = Cholesky::analyse(&stencil)?;
-    let points: Vec<Vec2> = returns.iter().map(|seen| seen.point).collect();
-    let start = signed_nearest_return(lattice, &points, &evidence, &mut cholesky)?;
+    let start = signed_nearest_return(lattice, &returns, &evidence, &mut cholesky)?;
     let weighing = match options.weighting {
         Weighting::Paper => Weighing::Frozen(sightings::published_weights(&returns, &viewpoints, &start)),
         Weighting::Calibrated => Weighing::Sampson,
@@ -110,7 +114,11 @@ pub fn fit(
     let refined = weights.poses == Poses::Refined;
     let sightings = Sightings::new(lattice, returns, viewpoints, weighing, refined);
     let loss = weights.eikonal_loss(options.weighting, lattice.resolution);
-    let objective = Objective::new(lattice.clone(), stencil, sightings, loss, weights.smoothing);
+    let eikonal_cells = match options.weighting {
+        Weighting::Paper => None,
+        Weighting::Calibrated => Some(evidence.cells_within(lattice, EIKONAL_BAND)),
+    };
+    let objective = Objective::new(lattice.clone(), stencil, sightings, loss, weights.smoothing, eikonal_cells);
 
     let mut unknowns = start.coefficients;
     unknowns.resize(objective.unknowns(), 0.0);

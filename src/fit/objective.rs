@@ -45,16 +45,19 @@ pub struct Objective {
     pub sightings: Sightings,
     quadrature: Vec<QuadraturePoint>,
     thin_plate: CellBlock,
+    /// The cells in which the Eikonal term holds; `None` for all.
+    eikonal_cells: Option<Vec<bool>>,
 }
 
 impl Objective {
-    /// `smoothing` is the thin-plate weight `lambda`.
+    /// `smoothing` is the thin-plate weight `lambda`; `eikonal_cells` says, a cell each, where the Eikonal term holds.
     pub fn new(
         lattice: Lattice,
         stencil: Arc<Stencil>,
         sightings: Sightings,
         eikonal: EikonalLoss,
         smoothing: f64,
+        eikonal_cells: Option<Vec<bool>>,
     ) -> Self {
         let h = lattice.resolution;
         let quadrature = GAUSS
@@ -69,7 +72,7 @@ impl Objective {
             })
             .collect();
         let thin_plate = thin_plate(h, smoothing);
-        Self { lattice, stencil, eikonal, sightings, quadrature, thin_plate }
+        Self { lattice, stencil, eikonal, sightings, quadrature, thin_plate, eikonal_cells }
     }
 
     /// The number of unknowns: control points, then pose unknowns.
@@ -95,7 +98,7 @@ impl Objective {
         for cell in self.cells() {
             let local = gather(c, &self.lattice.support(cell));
             total += 0.5 * dot(&self.thin_plate.times(&local), &local);
-            for point in &self.quadrature {
+            for point in self.quadrature_of(cell) {
                 total += self.eikonal.value(Vec2::new(dot(&point.row.dx, &local), dot(&point.row.dy, &local)));
             }
         }
@@ -131,7 +134,7 @@ impl Objective {
             let mut block = self.thin_plate;
             let mut slope = self.thin_plate.times(&local);
             total += 0.5 * dot(&slope, &local);
-            for point in &self.quadrature {
+            for point in self.quadrature_of(cell) {
                 let row = &point.row;
                 let jet = self.eikonal.jet(Vec2::new(dot(&row.dx, &local), dot(&row.dy, &local)), curvature);
                 total += jet.value;
@@ -193,13 +196,20 @@ impl Objective {
             block.add_scaled(8.0 * self.eikonal.weight, &point.xx);
             block.add_scaled(8.0 * self.eikonal.weight, &point.yy);
         }
-        for cell in self.cells() {
+        for cell in self.cells().filter(|&cell| !self.quadrature_of(cell).is_empty()) {
             damping.add_cell(self.lattice.support(cell)[0], &block);
         }
         let diagonal = damping.diagonal();
         let mean = diagonal.iter().sum::<f64>() / diagonal.len() as f64;
         damping.shift_diagonal(|_| IDENTITY_SHARE * mean);
         damping
+    }
+
+    fn quadrature_of(&self, cell: [usize; 2]) -> &[QuadraturePoint] {
+        match &self.eikonal_cells {
+            Some(held) if !held[self.lattice.cell_index(cell)] => &[],
+            _ => &self.quadrature,
+        }
     }
 
     fn cells(&self) -> impl Iterator<Item = [usize; 2]> + use<> {

@@ -71,7 +71,7 @@ pub struct Weights {
     pub poses: Poses,
 }
 
-/// The weights that trials in rooms of a few metres settled on: see numerics notes in ARCHITECTURE.md.
+/// The weights that trials in rooms of a few metres settled on: see ARCHITECTURE.md.
 const CALIBRATED_EIKONAL: f64 = 3000.0;
 const CALIBRATED_SCALE: f64 = 0.2;
 const CALIBRATED_SMOOTHING: f64 = 1.0;

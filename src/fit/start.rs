@@ -1,26 +1,37 @@
 //! Where a fit starts: the signed distance to the nearest return, as a least-squares spline.
 //!
-//! The distance is sampled at the evidence's marks; it is negative where some beam passed and positive elsewhere. A
-//! nearest return is found in an R*-tree, which has no trouble with the many equal coordinates of a straight wall.
+//! The distance is sampled at the evidence's marks. It is negative where some beam passed. Elsewhere the nearest return
+//! tells: positive behind its surface as the beam met it, negative before. (Positive wherever no beam passed would put a jump,
+//! and with it a phantom surface, along the edge of what a scanner with a limited view saw of a free room.) A nearest
+//! return is found in an R*-tree, which has no trouble with the many equal coordinates of a straight wall.
 
 use rstar::RTree;
+use rstar::primitives::GeomWithData;
 
 use crate::geometry::Vec2;
-use crate::scan::{Evidence, SUBCELLS};
+use crate::scan::{Evidence, Return, SUBCELLS};
 use crate::sparse::{CellBlock, Cholesky, SparseError, StencilMatrix};
 use crate::spline::{BasisRow, Lattice, Surface};
 
 /// Thin-plate-like ridge that keeps corner control points, which touch one cell alone, determined.
 const RIDGE: f64 = 1e-6;
 
+/// Neighbouring returns farther apart than this many cells say nothing about the surface's direction.
+const LONGEST_CHORD: f64 = 3.0;
+/// Beams to either side a chord spans at most.
+const WIDEST_CHORD: isize = 8;
+
 /// The starting surface. `returns` must not be empty.
 pub fn signed_nearest_return(
     lattice: &Lattice,
-    returns: &[Vec2],
+    returns: &[Return],
     evidence: &Evidence,
     cholesky: &mut Cholesky,
 ) -> Result<Surface, SparseError> {
-    let tree = RTree::bulk_load(returns.iter().map(|p| [p.x, p.y]).collect());
+    let outward = outward_normals(returns, LONGEST_CHORD * lattice.resolution);
+    let surfaces =
+        returns.iter().zip(outward).map(|(seen, outward)| GeomWithData::new([seen.point.x, seen.point.y], outward));
+    let tree = RTree::bulk_load(surfaces.collect());
     let samples = sample_rows(lattice.resolution);
     let mut normal = StencilMatrix::zeros(cholesky.stencil().clone());
     let mut rhs = vec![0.0; lattice.len()];
@@ -35,8 +46,7 @@ pub fn signed_nearest_return(
             for (k, (row, local)) in samples.iter().enumerate() {
                 let p = lattice.point([i, j], *local);
                 let (a, b) = (i * SUBCELLS + k % SUBCELLS, j * SUBCELLS + k / SUBCELLS);
-                let sign = if evidence.mark(a, b).free { -1.0 } else { 1.0 };
-                let distance = sign * nearest(&tree, p);
+                let distance = signed_distance(&tree, p, evidence.mark(a, b).free);
                 for (&at, value) in support.iter().zip(&row.value) {
                     rhs[at] += value * distance;
                 }
@@ -49,8 +59,37 @@ pub fn signed_nearest_return(
     Ok(Surface { lattice: lattice.clone(), coefficients })
 }
 
-fn nearest(tree: &RTree<[f64; 2]>, p: Vec2) -> f64 {
-    tree.nearest_neighbor_with_distance_2([p.x, p.y]).map_or(0.0, |(_, distance2)| distance2.sqrt())
+fn signed_distance(tree: &RTree<GeomWithData<[f64; 2], Vec2>>, p: Vec2, free: bool) -> f64 {
+    let Some((nearest, distance2)) = tree.nearest_neighbor_with_distance_2([p.x, p.y]) else { return 0.0 };
+    let offset = p - Vec2::new(nearest.geom()[0], nearest.geom()[1]);
+    let behind = !free && offset.dot(&nearest.data) >= 0.0;
+    if behind { distance2.sqrt() } else { -distance2.sqrt() }
+}
+
+/// Per return the unit normal of its surface, away from the scanner: across the chord between the farthest returns of
+/// neighbouring beams that are still near, since a short chord shows noise; along the beam where there are none.
+fn outward_normals(returns: &[Return], longest: f64) -> Vec<Vec2> {
+    let farthest = |k: usize, step: isize| {
+        let own = &returns[k];
+        let mut end = own.point;
+        for beams in 1..=WIDEST_CHORD {
+            let Some(other) = k.checked_add_signed(step * beams).and_then(|k| returns.get(k)) else { break };
+            let beside = other.scan == own.scan && other.beam.abs_diff(own.beam) == beams.unsigned_abs();
+            if !beside || (other.point - own.point).norm() > longest {
+                break;
+            }
+            end = other.point;
+        }
+        end
+    };
+    (0..returns.len())
+        .map(|k| {
+            let own = &returns[k];
+            let chord = farthest(k, 1) - farthest(k, -1);
+            let across = Vec2::new(-chord.y, chord.x).try_normalize(1e-9).unwrap_or(own.direction);
+            if across.dot(&own.direction) < 0.0 { -across } else { across }
+        })
+        .collect()
 }
 
 /// The basis rows at a cell's evidence marks, x fastest, with the marks' local coordinates.

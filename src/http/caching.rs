@@ -51,6 +51,7 @@ impl Service {
         let bytes = self.workshop.artifacts.get(&record.prefix, "map.npz").await?;
         let map = self.compute(move || Ok(Arc::new(FittedMap::from_npz(&bytes)?))).await?;
         let mut kept = self.maps.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.retain(|(id, _)| *id != record.id);
         if kept.len() >= KEPT {
             kept.remove(0);
         }

@@ -3,24 +3,19 @@
 //! `diagonal` and `sparse` are stored with the map. `block` and `full` are solved for on demand, from the stored factors;
 //! `factors` hands those out. See [`crate::uncertainty`] for the two kinds.
 
-use axum::extract::{Path, State};
-use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use serde_json::json;
 
-use super::AppState;
-use super::caching::Tag;
-use super::maps::{lattice_json, on_lattice_npz, to_json};
-use super::negotiate::{Format, JSON, NPZ, negotiate};
+use super::maps::{lattice_json, to_json};
+use super::negotiate::{Format, JSON, NPZ};
 use super::params::Params;
 use super::problem::Problem;
-use crate::jobs::MapRecord;
+use super::representation::{MapRequest, Settled};
 use crate::map::FittedMap;
 use crate::map::npz::{NpzError, NpzWriter};
-use crate::map::{factors_from_npz, write_columns};
-use crate::sparse::StencilMatrix;
+use crate::map::{factors_from_npz, on_lattice_npz, scipy_sparse, write_columns};
 use crate::spline::Lattice;
-use crate::uncertainty::{CompressedColumns, Factors, Kind};
+use crate::uncertainty::{Factors, Kind};
 
 /// Control points in a `block` at most.
 const LARGEST_BLOCK: usize = 1024;
@@ -64,14 +59,8 @@ struct Window {
             content((super::openapi::DiagonalBody = "application/json"), (Vec<u8> = "application/x-npz"))),
         (status = 304, description = "unchanged"),
         (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
-pub async fn covariance(
-    State(state): State<AppState>,
-    Path(id): Path<String>,
-    uri: Uri,
-    headers: HeaderMap,
-) -> Result<Response, Problem> {
-    let record = state.map_record(&id).await?;
-    let mut params = Params::of(&uri);
+pub async fn covariance(mut request: MapRequest) -> Result<Response, Problem> {
+    let (lattice, params) = (&request.record.lattice, &mut request.params);
     let kind = params.choice("kind", &KINDS);
     let forms = [
         ("diagonal", Form::Diagonal),
@@ -81,43 +70,34 @@ pub async fn covariance(
         ("factors", Form::Factors),
     ];
     let form = params.choice("form", &forms);
-    let window = (form == Form::Block).then(|| window(&mut params, &record.lattice)).flatten();
-    if form == Form::Full && record.lattice.len() > LARGEST_FULL {
-        let points = record.lattice.len();
+    let window = (form == Form::Block).then(|| window(params, lattice)).flatten();
+    if form == Form::Full && lattice.len() > LARGEST_FULL {
+        let points = lattice.len();
         params.fault("form", format!("full is for {LARGEST_FULL} control points at most; this map has {points}"));
     }
     let offered: &[Format] = if matches!(form, Form::Diagonal | Form::Block) { &[JSON, NPZ] } else { &[NPZ] };
-    let format = negotiate(&headers, &mut params, offered)?;
-    params.finish()?;
-    let tag = Tag::of(&uri, format);
-    if let Some(response) = tag.not_modified(&headers) {
-        return Ok(response);
-    }
-    let body = match (form, window) {
-        (Form::Diagonal, _) => {
-            let map = state.load(&record).await?;
-            state.compute(move || diagonal(&map, kind, format)).await?
-        }
-        (Form::Sparse, _) => {
-            let map = state.load(&record).await?;
-            state.compute(move || Ok(scipy_sparse(map.marginals.of(kind))?)).await?
-        }
-        (Form::Block, Some(window)) => {
-            let points = points_of(&record.lattice, &window);
-            let factors = load_factors(&state, &record).await?;
-            state.compute(move || dense(&factors, kind, &points, Some(window), format)).await?
-        }
-        (Form::Full, _) => {
-            let points: Vec<usize> = (0..record.lattice.len()).collect();
-            let factors = load_factors(&state, &record).await?;
-            state.compute(move || dense(&factors, kind, &points, None, format)).await?
-        }
-        _ => {
-            let factors = load_factors(&state, &record).await?;
-            state.compute(move || Ok(factors_npz(&factors)?)).await?
-        }
+    let wanted = match request.settle(offered)? {
+        Settled::Unchanged(response) => return Ok(response),
+        Settled::Wanted(wanted) => wanted,
     };
-    Ok(tag.respond(format, body))
+    let format = wanted.format;
+    let points = match (form, window) {
+        (Form::Diagonal, _) => return wanted.from_map(move |map, _, format| diagonal(map, kind, format)).await,
+        (Form::Sparse, _) => return wanted.from_map(move |map, _, _| Ok(scipy_sparse(map.marginals.of(kind))?)).await,
+        (Form::Block, Some(window)) => points_of(&wanted.record.lattice, &window),
+        (Form::Full, _) => (0..wanted.record.lattice.len()).collect(),
+        _ => Vec::new(),
+    };
+    let bytes = wanted.state.workshop.artifacts.get(&wanted.record.prefix, "factors.npz").await?;
+    let make = move || {
+        let factors = factors_from_npz(&bytes)?;
+        if form == Form::Factors {
+            return Ok(factors_npz(&factors)?);
+        }
+        dense(&factors, kind, &points, window, format)
+    };
+    let body = wanted.state.compute(make).await?;
+    Ok(wanted.respond(body))
 }
 
 fn window(params: &mut Params, lattice: &Lattice) -> Option<Window> {
@@ -149,11 +129,6 @@ fn points_of(lattice: &Lattice, window: &Window) -> Vec<usize> {
     rows.flat_map(|j| (window.i0..window.i0 + window.ni).map(move |i| i + j * nx)).collect()
 }
 
-async fn load_factors(state: &AppState, record: &MapRecord) -> Result<Factors, Problem> {
-    let bytes = state.workshop.artifacts.get(&record.prefix, "factors.npz").await?;
-    state.compute(move || Ok(factors_from_npz(&bytes)?)).await
-}
-
 fn diagonal(map: &FittedMap, kind: Kind, format: Format) -> Result<Vec<u8>, Problem> {
     let variances = map.marginals.of(kind).diagonal();
     if format == NPZ {
@@ -179,36 +154,6 @@ fn dense(
     let rows: Vec<&[f64]> = matrix.chunks(n).collect();
     let window = window.map(|w| json!({"i0": w.i0, "j0": w.j0, "ni": w.ni, "nj": w.nj}));
     to_json(&json!({"kind": kind, "form": "block", "window": window, "matrix": rows}))
-}
-
-/// Both triangles in CSC, as `scipy.sparse.save_npz` writes it.
-fn scipy_sparse(matrix: &StencilMatrix) -> Result<Vec<u8>, NpzError> {
-    let columns = whole(matrix);
-    let narrow = |values: &[usize]| values.iter().map(|&v| v as i32).collect::<Vec<_>>();
-    let mut npz = NpzWriter::default();
-    npz.array("indices", &[columns.indices.len()], &narrow(&columns.indices))?
-        .array("indptr", &[columns.starts.len()], &narrow(&columns.starts))?
-        .bytes("format", "csc")?
-        .array("shape", &[2], &[columns.rows as i64, columns.columns() as i64])?
-        .array("data", &[columns.values.len()], &columns.values)?;
-    npz.finish()
-}
-
-fn whole(matrix: &StencilMatrix) -> CompressedColumns {
-    let n = matrix.stencil().dimension();
-    let mut columns = vec![Vec::with_capacity(49); n];
-    for ((row, column), &value) in matrix.stencil().entries().zip(&matrix.values) {
-        columns[column].push((row, value));
-        if row != column {
-            columns[row].push((column, value));
-        }
-    }
-    let mut whole = CompressedColumns::new(n);
-    for mut column in columns {
-        column.sort_unstable_by_key(|&(row, _)| row);
-        whole.push(column);
-    }
-    whole
 }
 
 /// Hessian and inputs on the control points alone, or, where that would be too much, bordered: control points first, then

@@ -35,9 +35,11 @@ pub async fn events(
     let job = find(&state, &id).await?;
     let seen = headers.get("last-event-id").and_then(|id| id.to_str().ok()).and_then(|id| id.trim().parse().ok());
     let seen: i64 = seen.unwrap_or(0);
-    if job.status.has_ended() && seen >= job.revision {
+    if job.status.has_ended() && seen == job.revision {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
+    // An id this job has not reached is another job's, or made up.
+    let seen = if seen > job.revision { 0 } else { seen };
     let keep_alive = KeepAlive::new().interval(Duration::from_secs(10));
     Ok(Sse::new(follow(state, id, seen)).keep_alive(keep_alive).into_response())
 }

@@ -15,7 +15,7 @@ use utoipa::ToSchema;
 use super::params::{Params, to_cursor};
 use super::problem::Problem;
 use super::{AppState, TENANT};
-use crate::jobs::{Job, JobRequest, JobStatus, ProblemReport, Progress, RequestError};
+use crate::jobs::{Fault, Job, JobRequest, JobStatus, ProblemReport, Progress, RequestError};
 use crate::store::{Cancellation, Listing, NewJob, Submission};
 
 /// A job, as clients see it.
@@ -118,7 +118,8 @@ pub async fn submit(State(state): State<AppState>, headers: HeaderMap, body: Bod
         Submission::Repeated(job) => (StatusCode::OK, job),
         Submission::KeyReused => {
             let detail = "this Idempotency-Key was used with another body";
-            return Err(Problem { slug: "idempotency-key-reused", ..Problem::unprocessable(detail) });
+            let fault = Fault { pointer: String::new(), detail: detail.into() };
+            return Err(Problem { slug: "idempotency-key-reused", ..Problem::invalid(vec![fault]) });
         }
     };
     state.workshop.arrivals.notify_one();
@@ -143,7 +144,7 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
 
 fn prepare(json: &[u8], key: Option<String>, limits: &crate::jobs::Limits) -> Result<NewJob, Problem> {
     let request = JobRequest::parse(json, limits).map_err(|error| match error {
-        RequestError::Syntax(error) => Problem::malformed(&error),
+        RequestError::Document(error) => error.into(),
         RequestError::Faults(faults) => Problem::invalid(faults),
     })?;
     let body: String = Sha256::digest(json).iter().map(|byte| format!("{byte:02x}")).collect();
@@ -172,7 +173,7 @@ fn prepare(json: &[u8], key: Option<String>, limits: &crate::jobs::Limits) -> Re
     params(
         ("status" = Option<JobStatus>, Query, description = "jobs in this state alone"),
         ("label" = Option<String>, Query, description = "key:value; may be repeated, all must match"),
-        ("limit" = Option<u32>, Query, minimum = 1, maximum = 500), ("cursor" = Option<String>, Query),
+        ("limit" = Option<u32>, Query, minimum = 1, maximum = 1000), ("cursor" = Option<String>, Query),
     ),
     responses((status = 200, body = Page<JobBody>),
         (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]

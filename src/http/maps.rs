@@ -4,21 +4,24 @@ use std::collections::BTreeMap;
 
 use axum::Json;
 use axum::extract::{Path, State};
-use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::http::{StatusCode, Uri};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use serde_json::{Value, json};
 use utoipa::ToSchema;
 
-use super::caching::Tag;
 use super::jobs::{Page, page, timestamp};
-use super::negotiate::{JSON, NPZ, negotiate};
+use super::negotiate::{JSON, NPZ};
 use super::openapi::{FitBody, LatticeBody};
 use super::params::Params;
 use super::problem::Problem;
+use super::representation::{MapRequest, Settled};
 use super::{AppState, TENANT};
+use crate::geometry::{Cov3, Pose};
 use crate::jobs::MapRecord;
-use crate::map::npz::{NpzError, NpzWriter};
+use crate::map::FittedMap;
+use crate::map::npz::NpzError;
+use crate::map::on_lattice_npz;
 use crate::spline::Lattice;
 use crate::store::Listing;
 
@@ -91,7 +94,7 @@ pub fn lattice_json(lattice: &Lattice) -> Value {
     params(
         ("label" = Option<String>, Query, description = "key:value; may be repeated, all must match"),
         ("bbox" = Option<String>, Query, description = "minx,miny,maxx,maxy; maps that touch it"),
-        ("limit" = Option<u32>, Query, minimum = 1, maximum = 500), ("cursor" = Option<String>, Query),
+        ("limit" = Option<u32>, Query, minimum = 1, maximum = 1000), ("cursor" = Option<String>, Query),
     ),
     responses((status = 200, body = Page<MapBody>),
         (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
@@ -120,21 +123,14 @@ fn parse_bbox(text: &str) -> Option<[f64; 4]> {
 #[utoipa::path(get, path = "/v1/maps/{id}", tag = "maps", params(("id" = String, Path)),
     responses((status = 200, body = MapBody), (status = 304, description = "unchanged"),
         (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
-pub async fn get(
-    State(state): State<AppState>,
-    Path(id): Path<String>,
-    uri: Uri,
-    headers: HeaderMap,
-) -> Result<Response, Problem> {
-    let record = state.map_record(&id).await?;
-    let mut params = Params::of(&uri);
-    let format = negotiate(&headers, &mut params, &[JSON])?;
-    params.finish()?;
-    let tag = Tag::of(&uri, format);
-    if let Some(response) = tag.not_modified(&headers) {
-        return Ok(response);
-    }
-    Ok(tag.respond(format, to_json(&MapBody::from(record))?))
+pub async fn get(request: MapRequest) -> Result<Response, Problem> {
+    Ok(match request.settle(&[JSON])? {
+        Settled::Unchanged(response) => response,
+        Settled::Wanted(wanted) => {
+            let body = to_json(&MapBody::from(wanted.record.clone()))?;
+            wanted.respond(body)
+        }
+    })
 }
 
 /// Delete a map and its arrays. Its job stays.
@@ -160,80 +156,36 @@ pub async fn delete(State(state): State<AppState>, Path(id): Path<String>) -> Re
             content((super::openapi::CoefficientsBody = "application/json"), (Vec<u8> = "application/x-npz"))),
         (status = 304, description = "unchanged"),
         (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
-pub async fn coefficients(
-    State(state): State<AppState>,
-    Path(id): Path<String>,
-    uri: Uri,
-    headers: HeaderMap,
-) -> Result<Response, Problem> {
-    let record = state.map_record(&id).await?;
-    let mut params = Params::of(&uri);
-    let format = negotiate(&headers, &mut params, &[JSON, NPZ])?;
-    params.finish()?;
-    let tag = Tag::of(&uri, format);
-    if let Some(response) = tag.not_modified(&headers) {
-        return Ok(response);
-    }
-    let map = state.load(&record).await?;
-    let body = state
-        .compute(move || {
-            let (lattice, sdf) = (map.lattice(), &map.surface.coefficients);
-            if format == NPZ {
-                return Ok(on_lattice_npz(lattice, &[("sdf", sdf)])?);
-            }
-            to_json(&json!({"lattice": lattice_json(lattice), "sdf": sdf}))
-        })
-        .await?;
-    Ok(tag.respond(format, body))
+pub async fn coefficients(request: MapRequest) -> Result<Response, Problem> {
+    let make = |map: &FittedMap, _: &MapRecord, format| {
+        let (lattice, sdf) = (map.lattice(), &map.surface.coefficients);
+        if format == NPZ {
+            return Ok(on_lattice_npz(lattice, &[("sdf", sdf)])?);
+        }
+        to_json(&json!({"lattice": lattice_json(lattice), "sdf": sdf}))
+    };
+    request.answer(&[JSON, NPZ], make).await
 }
 
 /// The poses as the fit leaves them: refined with their covariances, or as reported.
 #[utoipa::path(get, path = "/v1/maps/{id}/poses", tag = "maps", params(("id" = String, Path)),
     responses((status = 200, body = super::openapi::PosesBody), (status = 304, description = "unchanged"),
         (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
-pub async fn poses(
-    State(state): State<AppState>,
-    Path(id): Path<String>,
-    uri: Uri,
-    headers: HeaderMap,
-) -> Result<Response, Problem> {
-    let record = state.map_record(&id).await?;
-    let mut params = Params::of(&uri);
-    let format = negotiate(&headers, &mut params, &[JSON])?;
-    params.finish()?;
-    let tag = Tag::of(&uri, format);
-    if let Some(response) = tag.not_modified(&headers) {
-        return Ok(response);
-    }
-    let map = state.load(&record).await?;
-    let covariance = |all: &[crate::geometry::Cov3], scan: usize| {
-        all.get(scan).map(|c| c.transpose().iter().copied().collect::<Vec<f64>>())
-    };
-    let poses: Vec<Value> = map
-        .poses
-        .iter()
-        .enumerate()
-        .map(|(scan, pose)| {
+pub async fn poses(request: MapRequest) -> Result<Response, Problem> {
+    let row_major =
+        |all: &[Cov3], scan: usize| all.get(scan).map(|c| c.transpose().iter().copied().collect::<Vec<f64>>());
+    let make = move |map: &FittedMap, _: &MapRecord, _| {
+        let described = |(scan, pose): (usize, &Pose)| {
             json!({
                 "pose": pose,
-                "covariance": covariance(&map.pose_covariance.propagated, scan),
-                "posterior_covariance": covariance(&map.pose_covariance.posterior, scan),
+                "covariance": row_major(&map.pose_covariance.propagated, scan),
+                "posterior_covariance": row_major(&map.pose_covariance.posterior, scan),
             })
-        })
-        .collect();
-    let body = json!({"poses": poses, "treatment": map.report.weights.poses});
-    Ok(tag.respond(format, to_json(&body)?))
-}
-
-/// Arrays of one number a control point, with the lattice's `origin` and `resolution`.
-pub(crate) fn on_lattice_npz(lattice: &Lattice, arrays: &[(&str, &[f64])]) -> Result<Vec<u8>, NpzError> {
-    let [nx, ny] = lattice.control_points();
-    let mut npz = NpzWriter::default();
-    for (name, values) in arrays {
-        npz.array(name, &[ny, nx], values)?;
-    }
-    npz.array("origin", &[2], &lattice.origin)?.array("resolution", &[], &[lattice.resolution])?;
-    npz.finish()
+        };
+        let poses: Vec<Value> = map.poses.iter().enumerate().map(described).collect();
+        to_json(&json!({"poses": poses, "treatment": map.report.weights.poses}))
+    };
+    request.answer(&[JSON], make).await
 }
 
 pub(crate) fn to_json(value: &impl Serialize) -> Result<Vec<u8>, Problem> {

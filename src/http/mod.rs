@@ -5,7 +5,7 @@
 //! | [`jobs`], [`events`] | submission, states, cancellation, long poll, server-sent events |
 //! | [`maps`], [`covariance`], [`query`], [`pictures`] | a map's record, arrays, points, pictures |
 //! | [`service`] | health, documentation, the console |
-//! | [`conventions`], [`problem`], [`params`], [`negotiate`], [`body`], [`caching`] | what all routes share |
+//! | [`conventions`], [`problem`], [`params`], [`negotiate`], [`body`], [`caching`], [`representation`] | what all routes share |
 //!
 //! Domain errors know nothing of HTTP; they become problems here, at the border.
 
@@ -22,6 +22,7 @@ pub mod params;
 pub mod pictures;
 pub mod problem;
 pub mod query;
+pub mod representation;
 pub mod service;
 
 use std::sync::Arc;

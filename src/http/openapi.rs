@@ -23,6 +23,7 @@ pub struct JobRequestBody {
     map: MapRequestBody,
     fit: Option<FitRequestBody>,
     /// Higher runs first.
+    #[schema(minimum = -1000, maximum = 1000)]
     priority: Option<i32>,
 }
 

@@ -97,7 +97,7 @@ impl Params {
 }
 
 const DEFAULT_ITEMS: i64 = 50;
-const MOST_ITEMS: i64 = 500;
+const MOST_ITEMS: i64 = 1000;
 const CURSOR: &str = "before:";
 
 /// The opaque cursor that continues below an id.

@@ -1,18 +1,16 @@
 //! Contours, occupancy grids and pictures of a map.
 
-use axum::extract::{Path, State};
-use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use serde_json::{Value, json};
 
-use super::AppState;
-use super::caching::Tag;
 use super::covariance::KINDS;
 use super::maps::{FRAME, timestamp_of, to_json};
-use super::negotiate::{GEOJSON, JSON, PNG, SVG, ZIP, negotiate};
+use super::negotiate::{GEOJSON, JSON, PNG, SVG, ZIP};
 use super::params::Params;
 use super::problem::Problem;
+use super::representation::MapRequest;
 use crate::jobs::MapRecord;
+use crate::map::FittedMap;
 use crate::render::{
     Layer, OccupancyGrid, Overlay, Picture, contour_picture, contours as trace, grayscale_png, map_picture, svg_to_png,
     to_geojson, to_nav2_zip,
@@ -38,37 +36,22 @@ const DEFAULT_WIDTH: usize = 900;
             content((Object = "application/geo+json"), (String = "image/svg+xml"), (Vec<u8> = "image/png"))),
         (status = 304, description = "unchanged"),
         (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
-pub async fn contours(
-    State(state): State<AppState>,
-    Path(id): Path<String>,
-    uri: Uri,
-    headers: HeaderMap,
-) -> Result<Response, Problem> {
-    let record = state.map_record(&id).await?;
-    let mut params = Params::of(&uri);
+pub async fn contours(mut request: MapRequest) -> Result<Response, Problem> {
+    let params = &mut request.params;
     let level = params.number("level", -FARTHEST_LEVEL, FARTHEST_LEVEL).unwrap_or(0.0);
     let sigma_band = params.number("sigma_band", 1e-3, 100.0);
     let kind = params.choice("kind", &KINDS);
     let width = params.number("width", WIDTHS.0, WIDTHS.1).unwrap_or(DEFAULT_WIDTH);
-    let format = negotiate(&headers, &mut params, &[GEOJSON, JSON, SVG, PNG])?;
-    params.finish()?;
-    let tag = Tag::of(&uri, format);
-    if let Some(response) = tag.not_modified(&headers) {
-        return Ok(response);
-    }
-    let map = state.load(&record).await?;
-    let title = title(&record, &format!("level {level} m"));
-    let body = state
-        .compute(move || {
-            let traced = trace(&map, level, sigma_band, kind)?;
-            match format {
-                SVG => Ok(contour_picture(&map, &traced, width, &title)?.into_bytes()),
-                PNG => Ok(svg_to_png(&contour_picture(&map, &traced, width, &title)?)?),
-                _ => to_json(&to_geojson(&traced, FRAME)),
-            }
-        })
-        .await?;
-    Ok(tag.respond(format, body))
+    let make = move |map: &FittedMap, record: &MapRecord, format| {
+        let traced = trace(map, level, sigma_band, kind)?;
+        let picture = || contour_picture(map, &traced, width, &title(record, &format!("level {level} m")));
+        match format {
+            SVG => Ok(picture()?.into_bytes()),
+            PNG => Ok(svg_to_png(&picture()?)?),
+            _ => to_json(&to_geojson(&traced, FRAME)),
+        }
+    };
+    request.answer(&[GEOJSON, JSON, SVG, PNG], make).await
 }
 
 /// The occupancy grid map.
@@ -81,38 +64,23 @@ pub async fn contours(
             content((Object = "application/json"), (Vec<u8> = "image/png"), (Vec<u8> = "application/zip"))),
         (status = 304, description = "unchanged"),
         (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
-pub async fn ogm(
-    State(state): State<AppState>,
-    Path(id): Path<String>,
-    uri: Uri,
-    headers: HeaderMap,
-) -> Result<Response, Problem> {
-    let record = state.map_record(&id).await?;
-    let mut params = Params::of(&uri);
-    let resolution = params.number("resolution", 1e-4, 1e4).unwrap_or(record.lattice.resolution);
+pub async fn ogm(mut request: MapRequest) -> Result<Response, Problem> {
+    let (lattice, params) = (&request.record.lattice, &mut request.params);
+    let resolution = params.number("resolution", 1e-4, 1e4).unwrap_or(lattice.resolution);
     let kind = params.choice("kind", &KINDS);
-    let [width, height] = OccupancyGrid::size(&record.lattice, resolution);
+    let [width, height] = OccupancyGrid::size(lattice, resolution);
     if width * height > LARGEST_GRID {
         params.fault("resolution", format!("gives {:.0} cells; the limit is {LARGEST_GRID:.0}", width * height));
     }
-    let format = negotiate(&headers, &mut params, &[JSON, PNG, ZIP])?;
-    params.finish()?;
-    let tag = Tag::of(&uri, format);
-    if let Some(response) = tag.not_modified(&headers) {
-        return Ok(response);
-    }
-    let map = state.load(&record).await?;
-    let body = state
-        .compute(move || {
-            let grid = OccupancyGrid::of(&map, resolution, kind);
-            match format {
-                PNG => Ok(grayscale_png(grid.width as u32, grid.height as u32, &grid.to_gray())?),
-                ZIP => Ok(to_nav2_zip(&grid)?),
-                _ => to_json(&occupancy_json(&grid, &record)),
-            }
-        })
-        .await?;
-    Ok(tag.respond(format, body))
+    let make = move |map: &FittedMap, record: &MapRecord, format| {
+        let grid = OccupancyGrid::of(map, resolution, kind);
+        match format {
+            PNG => Ok(grayscale_png(grid.width as u32, grid.height as u32, &grid.to_gray())?),
+            ZIP => Ok(to_nav2_zip(&grid)?),
+            _ => to_json(&occupancy_json(&grid, record)),
+        }
+    };
+    request.answer(&[JSON, PNG, ZIP], make).await
 }
 
 /// The field names of `nav_msgs/OccupancyGrid`.
@@ -144,39 +112,24 @@ fn occupancy_json(grid: &OccupancyGrid, record: &MapRecord) -> Value {
     responses((status = 200, content((Vec<u8> = "image/png"), (String = "image/svg+xml"))),
         (status = 304, description = "unchanged"),
         (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
-pub async fn image(
-    State(state): State<AppState>,
-    Path(id): Path<String>,
-    uri: Uri,
-    headers: HeaderMap,
-) -> Result<Response, Problem> {
-    let record = state.map_record(&id).await?;
-    let mut params = Params::of(&uri);
+pub async fn image(mut request: MapRequest) -> Result<Response, Problem> {
+    let params = &mut request.params;
     let layers = [("distance", Layer::Distance), ("sigma", Layer::Sigma), ("occupancy", Layer::Occupancy)];
     let layer = params.choice("layer", &layers);
-    let overlays = overlays(&mut params);
+    let overlays = overlays(params);
     let kind = params.choice("kind", &KINDS);
     let width = params.number("width", WIDTHS.0, WIDTHS.1).unwrap_or(DEFAULT_WIDTH);
-    let format = negotiate(&headers, &mut params, &[PNG, SVG])?;
-    params.finish()?;
-    let tag = Tag::of(&uri, format);
-    if let Some(response) = tag.not_modified(&headers) {
-        return Ok(response);
-    }
-    let map = state.load(&record).await?;
     let name = match layer {
         Layer::Distance => "distance",
         Layer::Sigma => "standard deviation of the distance",
         Layer::Occupancy => "occupancy",
     };
-    let picture = Picture { layer, overlays, width, kind, title: title(&record, name) };
-    let body = state
-        .compute(move || {
-            let svg = map_picture(&map, &picture)?;
-            if format == SVG { Ok(svg.into_bytes()) } else { Ok(svg_to_png(&svg)?) }
-        })
-        .await?;
-    Ok(tag.respond(format, body))
+    let make = move |map: &FittedMap, record: &MapRecord, format| {
+        let picture = Picture { layer, overlays, width, kind, title: title(record, name) };
+        let svg = map_picture(map, &picture)?;
+        if format == SVG { Ok(svg.into_bytes()) } else { Ok(svg_to_png(&svg)?) }
+    };
+    request.answer(&[PNG, SVG], make).await
 }
 
 fn overlays(params: &mut Params) -> Vec<Overlay> {

@@ -7,7 +7,7 @@ use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::{Value, json};
 
-use crate::jobs::Fault;
+use crate::jobs::{DocumentError, Fault};
 use crate::map::ArchiveError;
 use crate::render::RenderError;
 use crate::store::{ArtifactsError, StoreError};
@@ -58,11 +58,6 @@ impl Problem {
     pub fn not_acceptable(offered: &[&str]) -> Self {
         let detail = format!("on offer: {}", offered.join(", "));
         Self { detail, ..Self::of_status(StatusCode::NOT_ACCEPTABLE) }
-    }
-
-    /// A body that is not the JSON it should be.
-    pub fn malformed(error: &serde_json::Error) -> Self {
-        Self { detail: error.to_string(), slug: "malformed-json", ..Self::of_status(StatusCode::BAD_REQUEST) }
     }
 
     /// 422 with a fault a pointer.
@@ -116,6 +111,18 @@ impl IntoResponse for Problem {
         }
         response.extensions_mut().insert(self);
         response
+    }
+}
+
+impl From<DocumentError> for Problem {
+    fn from(error: DocumentError) -> Self {
+        let status = match error {
+            DocumentError::Syntax(_) => StatusCode::BAD_REQUEST,
+            DocumentError::TooLarge { .. } => StatusCode::PAYLOAD_TOO_LARGE,
+        };
+        let plain = Self::of_status(status);
+        let slug = if status == StatusCode::BAD_REQUEST { "malformed-json" } else { plain.slug };
+        Self { detail: error.to_string(), slug, ..plain }
     }
 }
 

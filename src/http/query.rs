@@ -17,7 +17,7 @@ use crate::map::FittedMap;
 use crate::uncertainty::Kind;
 
 /// Points in one query at most.
-const MOST_POINTS: usize = 1_000_000;
+const MOST_POINTS: usize = 250_000;
 const MOST_FAULTS: usize = 100;
 
 /// Arrays in the order of the points; a point outside the lattice has nulls.
@@ -89,7 +89,7 @@ fn answer(map: &FittedMap, points: &[Vec2], kind: Kind) -> QueryAnswer {
 }
 
 fn parse(json: &[u8]) -> Result<(Vec<Vec2>, Kind), Problem> {
-    let document = Node::parse(json, 4 * MOST_POINTS).map_err(|error| Problem::malformed(&error))?;
+    let document = Node::parse(json, 4 * MOST_POINTS).map_err(Problem::from)?;
     let mut faults = Vec::new();
     let mut fault = |pointer: String, detail: String| {
         if faults.len() < MOST_FAULTS {

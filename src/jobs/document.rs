@@ -8,7 +8,21 @@
 use std::cell::Cell;
 use std::fmt;
 
-use serde::de::{DeserializeSeed, Deserializer, Error, MapAccess, SeqAccess, Visitor};
+use serde::de::{DeserializeSeed, Deserializer, MapAccess, SeqAccess, Visitor};
+use thiserror::Error;
+
+/// Why a document was not read.
+#[derive(Debug, Error)]
+pub enum DocumentError {
+    /// Not JSON, or a number f64 cannot carry, or nested too deeply.
+    #[error("{0}")]
+    Syntax(#[from] serde_json::Error),
+    #[error("the document has more than {limit} values, or too many that are not numbers")]
+    TooLarge { limit: usize },
+}
+
+/// A value that is no number costs as much as this many that are.
+const COST_OF_A_NODE: usize = 8;
 
 /// A JSON value.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,10 +39,14 @@ pub enum Node {
 
 impl Node {
     /// Parses a document of at most `limit` values.
-    pub fn parse(json: &[u8], limit: usize) -> Result<Self, serde_json::Error> {
-        let budget = Cell::new(limit);
+    pub fn parse(json: &[u8], limit: usize) -> Result<Self, DocumentError> {
+        let budget = Cell::new(Some(limit));
         let mut deserializer = serde_json::Deserializer::from_slice(json);
-        let node = Seed { budget: &budget }.deserialize(&mut deserializer)?;
+        let node = Seed { budget: &budget }.deserialize(&mut deserializer);
+        if budget.get().is_none() {
+            return Err(DocumentError::TooLarge { limit });
+        }
+        let node = node?;
         deserializer.end()?;
         Ok(node)
     }
@@ -55,7 +73,8 @@ impl Node {
 }
 
 struct Seed<'a> {
-    budget: &'a Cell<usize>,
+    /// Values that may still come; `None` once there were too many.
+    budget: &'a Cell<Option<usize>>,
 }
 
 impl<'de> DeserializeSeed<'de> for Seed<'_> {
@@ -67,10 +86,10 @@ impl<'de> DeserializeSeed<'de> for Seed<'_> {
 }
 
 impl<'a> Seed<'a> {
-    fn spend<E: Error>(&self) -> Result<(), E> {
-        let left = self.budget.get();
-        self.budget.set(left.saturating_sub(1));
-        if left == 0 { Err(E::custom("the document has too many values")) } else { Ok(()) }
+    fn spend<E: serde::de::Error>(&self, cost: usize) -> Result<(), E> {
+        let left = self.budget.get().and_then(|left| left.checked_sub(cost));
+        self.budget.set(left);
+        if left.is_some() { Ok(()) } else { Err(E::custom("too many values")) }
     }
 
     fn again(&self) -> Seed<'a> {
@@ -85,32 +104,32 @@ impl<'de> Visitor<'de> for Seed<'_> {
         f.write_str("a JSON value")
     }
 
-    fn visit_unit<E: Error>(self) -> Result<Node, E> {
-        self.spend().map(|()| Node::Null)
+    fn visit_unit<E: serde::de::Error>(self) -> Result<Node, E> {
+        self.spend(1).map(|()| Node::Null)
     }
 
-    fn visit_bool<E: Error>(self, value: bool) -> Result<Node, E> {
-        self.spend().map(|()| Node::Bool(value))
+    fn visit_bool<E: serde::de::Error>(self, value: bool) -> Result<Node, E> {
+        self.spend(COST_OF_A_NODE).map(|()| Node::Bool(value))
     }
 
-    fn visit_f64<E: Error>(self, value: f64) -> Result<Node, E> {
-        self.spend().map(|()| Node::Number(value))
+    fn visit_f64<E: serde::de::Error>(self, value: f64) -> Result<Node, E> {
+        self.spend(1).map(|()| Node::Number(value))
     }
 
-    fn visit_i64<E: Error>(self, value: i64) -> Result<Node, E> {
+    fn visit_i64<E: serde::de::Error>(self, value: i64) -> Result<Node, E> {
         self.visit_f64(value as f64)
     }
 
-    fn visit_u64<E: Error>(self, value: u64) -> Result<Node, E> {
+    fn visit_u64<E: serde::de::Error>(self, value: u64) -> Result<Node, E> {
         self.visit_f64(value as f64)
     }
 
-    fn visit_str<E: Error>(self, value: &str) -> Result<Node, E> {
-        self.spend().map(|()| Node::Text(value.to_owned()))
+    fn visit_str<E: serde::de::Error>(self, value: &str) -> Result<Node, E> {
+        self.spend(COST_OF_A_NODE).map(|()| Node::Text(value.to_owned()))
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Node, A::Error> {
-        self.spend()?;
+        self.spend(COST_OF_A_NODE)?;
         let mut numbers = Vec::new();
         while let Some(node) = seq.next_element_seed(self.again())? {
             match node {
@@ -131,7 +150,7 @@ impl<'de> Visitor<'de> for Seed<'_> {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Node, A::Error> {
-        self.spend()?;
+        self.spend(COST_OF_A_NODE)?;
         let mut members = Vec::new();
         while let Some(key) = map.next_key::<String>()? {
             members.push((key, map.next_value_seed(self.again())?));
@@ -146,7 +165,7 @@ mod tests {
 
     #[test]
     fn arrays_of_numbers_are_compact_and_others_are_not() {
-        let node = Node::parse(br#"{"r": [1, null, 2.5], "m": [1, "x", null], "e": []}"#, 100).unwrap();
+        let node = Node::parse(br#"{"r": [1, null, 2.5], "m": [1, "x", null], "e": []}"#, 1000).unwrap();
         let Some(Node::Numbers(r)) = node.member("r") else { panic!("{node:?}") };
         assert!(r[0] == 1.0 && r[1].is_nan() && r[2] == 2.5);
         let mixed = Node::Array(vec![Node::Number(1.0), Node::Text("x".into()), Node::Null]);
@@ -160,6 +179,7 @@ mod tests {
             assert!(Node::parse(bad.as_bytes(), 100).is_err(), "{bad}");
         }
         assert!(Node::parse("[".repeat(200).as_bytes(), 1000).is_err());
-        assert!(Node::parse(b"[1,2,3,4]", 4).is_err());
+        assert!(matches!(Node::parse(b"[1,2,3,4]", 11), Err(DocumentError::TooLarge { .. })));
+        assert!(Node::parse(b"[1,2,3,4]", 12).is_ok());
     }
 }

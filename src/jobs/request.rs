@@ -8,9 +8,10 @@ use std::f64::consts::TAU;
 
 use thiserror::Error;
 
-use super::document::Node;
+use super::document::{DocumentError, Node};
+use super::reader::{FARTHEST, LONGEST_TEXT, Reader};
 use crate::fit::{FitOptions, Poses, Weighting};
-use crate::geometry::{Bounds, Cov3, Pose, psd_square_root};
+use crate::geometry::{Bounds, Cov3, Pose, Vec2, psd_square_root};
 use crate::scan::{LaserScan, Noise, returns_of};
 use crate::spline::{Lattice, LatticeError};
 
@@ -24,9 +25,8 @@ pub struct Fault {
 
 #[derive(Debug, Error)]
 pub enum RequestError {
-    /// Not JSON, or a number f64 cannot carry, or nested too deeply.
     #[error("{0}")]
-    Syntax(#[from] serde_json::Error),
+    Document(#[from] DocumentError),
     #[error("the request has {} fault(s)", .0.len())]
     Faults(Vec<Fault>),
 }
@@ -61,20 +61,15 @@ pub struct JobRequest {
     pub ignored: Vec<String>,
 }
 
-/// Coordinates and ranges beyond this are no building's.
-const FARTHEST: f64 = 1e6;
 /// Standard deviations outside this cannot be squared into anything useful.
 const SIGMAS: (f64, f64) = (1e-6, 1e3);
-const LONGEST_TEXT: usize = 256;
 const MOST_LABELS: usize = 64;
-/// Faults listed at most; the rest are counted.
-const MOST_FAULTS: usize = 100;
 
 impl JobRequest {
     /// Reads and validates a request.
     pub fn parse(json: &[u8], limits: &Limits) -> Result<Self, RequestError> {
         let document = Node::parse(json, limits.values)?;
-        let mut reader = Reader { limits, faults: Vec::new(), unlisted: 0, ignored: Vec::new() };
+        let mut reader = Reader::new(limits);
         let request = reader.request(&document);
         match request {
             Some(request) if reader.faults.is_empty() => Ok(request),
@@ -89,23 +84,7 @@ impl JobRequest {
     }
 }
 
-struct Reader<'a> {
-    limits: &'a Limits,
-    faults: Vec<Fault>,
-    unlisted: usize,
-    ignored: Vec<String>,
-}
-
 impl Reader<'_> {
-    fn fault<T>(&mut self, pointer: &str, detail: impl Into<String>) -> Option<T> {
-        if self.faults.len() < MOST_FAULTS {
-            self.faults.push(Fault { pointer: pointer.to_owned(), detail: detail.into() });
-        } else {
-            self.unlisted += 1;
-        }
-        None
-    }
-
     fn request(&mut self, document: &Node) -> Option<JobRequest> {
         if !matches!(document, Node::Object(_)) {
             return self.fault("", format!("a job is an object, not {}", document.kind()));
@@ -118,8 +97,12 @@ impl Reader<'_> {
         let noise = self.required(document, "", "noise", Self::noise);
         let options = self.optional(document, "", "fit", Self::fit);
         let map = self.required(document, "", "map", Self::map);
-        let (scans, noise, map) = (scans?, noise?, map?);
-        let lattice = self.lattice(&scans, &map)?;
+        let seen = scans.as_deref().and_then(|scans| self.returns(scans));
+        let lattice = match (&scans, &seen, &map) {
+            (Some(scans), Some(seen), Some(map)) => self.lattice(scans, seen, map),
+            _ => None,
+        };
+        let (scans, noise, lattice) = (scans?, noise?, lattice?);
         Some(JobRequest {
             name: name?,
             labels: labels?.unwrap_or_default(),
@@ -132,21 +115,25 @@ impl Reader<'_> {
         })
     }
 
-    fn lattice(&mut self, scans: &[LaserScan], map: &MapPart) -> Option<Lattice> {
-        let returns = returns_of(scans);
+    fn returns(&mut self, scans: &[LaserScan]) -> Option<Vec<Vec2>> {
+        let returns: Vec<Vec2> = returns_of(scans).into_iter().map(|seen| seen.point).collect();
         if returns.is_empty() {
             return self.fault("/scans", "no beam of any scan has a return in [range_min, range_max]");
         }
-        let seen = || returns.iter().map(|seen| seen.point);
+        Some(returns)
+    }
+
+    fn lattice(&mut self, scans: &[LaserScan], seen: &[Vec2], map: &MapPart) -> Option<Lattice> {
         let bounds = match map.bounds {
             Some(bounds) => bounds,
-            None => Bounds::around(seen().chain(scans.iter().map(|scan| scan.pose.position())))?.grown(map.margin),
+            None => Bounds::around(seen.iter().copied().chain(scans.iter().map(|scan| scan.pose.position())))?
+                .grown(map.margin),
         };
         if bounds.min.iter().chain(&bounds.max).any(|v| v.abs() > 4.0 * FARTHEST) {
             return self.fault("/map/bounds", "the map's area is too far from the origin");
         }
         match Lattice::covering(&bounds, map.resolution, self.limits.control_points) {
-            Ok(lattice) if seen().any(|p| lattice.locate(p).is_some()) => Some(lattice),
+            Ok(lattice) if seen.iter().any(|p| bounds.contains(*p)) => Some(lattice),
             Ok(_) => self.fault("/map/bounds", "no return of any scan lies inside the bounds"),
             Err(LatticeError::TooLarge { needed, limit }) => self.fault(
                 "/map/resolution",
@@ -219,6 +206,9 @@ impl Reader<'_> {
                 self.fault(at, format!("{} beams; the limit is {}", ranges.len(), self.limits.beams_a_scan))
             }
             Node::Numbers(ranges) => Some(ranges.clone()),
+            Node::Array(entries) if entries.len() > self.limits.beams_a_scan => {
+                self.fault(at, format!("{} beams; the limit is {}", entries.len(), self.limits.beams_a_scan))
+            }
             Node::Array(entries) => {
                 for (k, entry) in entries.iter().enumerate() {
                     if !matches!(entry, Node::Number(_) | Node::Null) {
@@ -335,108 +325,6 @@ impl Reader<'_> {
             }
         }
         Some(labels)
-    }
-
-    fn required<T>(
-        &mut self,
-        node: &Node,
-        at: &str,
-        name: &str,
-        read: impl FnOnce(&mut Self, &Node, &str) -> Option<T>,
-    ) -> Option<T> {
-        let pointer = format!("{at}/{name}");
-        match node.member(name) {
-            Some(value) => read(self, value, &pointer),
-            None => self.fault(&pointer, "is required"),
-        }
-    }
-
-    /// `Some(None)` where the member is absent or null; `None` where it is faulty.
-    fn optional<T>(
-        &mut self,
-        node: &Node,
-        at: &str,
-        name: &str,
-        read: impl FnOnce(&mut Self, &Node, &str) -> Option<T>,
-    ) -> Option<Option<T>> {
-        match node.member(name) {
-            None | Some(Node::Null) => Some(None),
-            Some(value) => read(self, value, &format!("{at}/{name}")).map(Some),
-        }
-    }
-
-    fn object(&mut self, node: &Node, at: &str, names: &[&str]) -> Option<()> {
-        if !matches!(node, Node::Object(_)) {
-            return self.fault(at, format!("must be an object, not {}", node.kind()));
-        }
-        self.known(node, at, names);
-        Some(())
-    }
-
-    fn known(&mut self, node: &Node, at: &str, names: &[&str]) {
-        let Node::Object(members) = node else { return };
-        for (key, _) in members {
-            if !names.contains(&key.as_str()) && self.ignored.len() < 20 {
-                self.ignored.push(format!("{at}/{}", key.chars().take(60).collect::<String>()));
-            }
-        }
-    }
-
-    fn number(&mut self, node: &Node, at: &str, low: f64, high: f64) -> Option<f64> {
-        match node {
-            Node::Number(value) if (low..=high).contains(value) => Some(*value),
-            Node::Number(value) => self.fault(at, format!("must lie in [{low}, {high}], not {value}")),
-            other => self.fault(at, format!("must be a number, not {}", other.kind())),
-        }
-    }
-
-    fn positive(&mut self, node: &Node, at: &str, low: f64, high: f64) -> Option<f64> {
-        match node {
-            Node::Number(value) if *value <= 0.0 => self.fault(at, format!("must be positive, not {value}")),
-            _ => self.number(node, at, low, high),
-        }
-    }
-
-    fn integer(&mut self, node: &Node, at: &str, low: i64, high: i64) -> Option<i64> {
-        let value = self.number(node, at, low as f64, high as f64)?;
-        if value.fract() == 0.0 {
-            Some(value as i64)
-        } else {
-            self.fault(at, format!("must be an integer, not {value}"))
-        }
-    }
-
-    fn numbers(&mut self, node: &Node, at: &str, count: usize) -> Option<Vec<f64>> {
-        match node {
-            Node::Numbers(values) if values.len() != count => {
-                self.fault(at, format!("must have {count} numbers, not {}", values.len()))
-            }
-            Node::Numbers(values) => match values.iter().position(|v| !v.is_finite() || v.abs() > 4.0 * FARTHEST) {
-                None => Some(values.clone()),
-                Some(k) => self.fault(&format!("{at}/{k}"), format!("must be a number of at most {FARTHEST:e}")),
-            },
-            Node::Array(_) => self.fault(at, format!("must have {count} numbers and nothing else")),
-            other => self.fault(at, format!("must be an array of {count} numbers, not {}", other.kind())),
-        }
-    }
-
-    fn text(&mut self, node: &Node, at: &str) -> Option<String> {
-        match node {
-            Node::Text(text) if text.len() > LONGEST_TEXT => {
-                self.fault(at, format!("has {} bytes; the limit is {LONGEST_TEXT}", text.len()))
-            }
-            Node::Text(text) if text.contains('\0') => self.fault(at, "must not contain U+0000"),
-            Node::Text(text) => Some(text.clone()),
-            other => self.fault(at, format!("must be a string, not {}", other.kind())),
-        }
-    }
-
-    fn choice<'c>(&mut self, node: &Node, at: &str, choices: &[&'c str]) -> Option<&'c str> {
-        let found = match node {
-            Node::Text(text) => choices.iter().copied().find(|choice| choice == text),
-            _ => None,
-        };
-        if found.is_some() { found } else { self.fault(at, format!("must be one of {}", choices.join(", "))) }
     }
 }
 

@@ -142,6 +142,47 @@ pub fn write_columns(npz: &mut NpzWriter, name: &str, columns: &CompressedColumn
     Ok(())
 }
 
+/// Arrays of one number a control point, with the lattice's `origin` and `resolution`.
+pub fn on_lattice_npz(lattice: &Lattice, arrays: &[(&str, &[f64])]) -> Result<Vec<u8>, NpzError> {
+    let [nx, ny] = lattice.control_points();
+    let mut npz = NpzWriter::default();
+    for (name, values) in arrays {
+        npz.array(name, &[ny, nx], values)?;
+    }
+    npz.array("origin", &[2], &lattice.origin)?.array("resolution", &[], &[lattice.resolution])?;
+    npz.finish()
+}
+
+/// Both triangles in CSC, as `scipy.sparse.save_npz` writes it.
+pub fn scipy_sparse(matrix: &StencilMatrix) -> Result<Vec<u8>, NpzError> {
+    let columns = whole(matrix);
+    let narrow = |values: &[usize]| values.iter().map(|&v| v as i32).collect::<Vec<_>>();
+    let mut npz = NpzWriter::default();
+    npz.array("indices", &[columns.indices.len()], &narrow(&columns.indices))?
+        .array("indptr", &[columns.starts.len()], &narrow(&columns.starts))?
+        .bytes("format", "csc")?
+        .array("shape", &[2], &[columns.rows as i64, columns.columns() as i64])?
+        .array("data", &[columns.values.len()], &columns.values)?;
+    npz.finish()
+}
+
+fn whole(matrix: &StencilMatrix) -> CompressedColumns {
+    let n = matrix.stencil().dimension();
+    let mut columns = vec![Vec::with_capacity(49); n];
+    for ((row, column), &value) in matrix.stencil().entries().zip(&matrix.values) {
+        columns[column].push((row, value));
+        if row != column {
+            columns[row].push((column, value));
+        }
+    }
+    let mut whole = CompressedColumns::new(n);
+    for mut column in columns {
+        column.sort_unstable_by_key(|&(row, _)| row);
+        whole.push(column);
+    }
+    whole
+}
+
 fn read_columns(npz: &mut NpzReader<'_>, name: &str) -> Result<CompressedColumns, ArchiveError> {
     let mut indices = |part: &str| -> Result<Vec<usize>, ArchiveError> {
         let values: Vec<i64> = npz.array(&format!("{name}_{part}"))?;

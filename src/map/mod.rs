@@ -9,7 +9,7 @@ mod query;
 
 use serde::{Deserialize, Serialize};
 
-pub use archive::{ArchiveError, factors_from_npz, factors_to_npz, write_columns};
+pub use archive::{ArchiveError, factors_from_npz, factors_to_npz, on_lattice_npz, scipy_sparse, write_columns};
 pub use query::Answer;
 
 use crate::fit::{Fit, Weighting, Weights};

@@ -88,6 +88,23 @@ impl Evidence {
         Seen { free: mark & FREE != 0, surface: mark & SURFACE != 0 }
     }
 
+    /// The cells, x fastest, that have a mark in them or at most `band` cells away.
+    pub fn cells_within(&self, lattice: &Lattice, band: usize) -> Vec<bool> {
+        let [nx, ny] = lattice.cells;
+        let mut near = vec![false; nx * ny];
+        for (k, _) in self.marks.iter().enumerate().filter(|(_, mark)| **mark != 0) {
+            let (i, j) = (k % self.size[0] / SUBCELLS, k / self.size[0] / SUBCELLS);
+            near[i + j * nx] = true;
+        }
+        let spread = |from: &[bool], at: usize, along: usize, length: usize, place: usize| {
+            let low = place.saturating_sub(band);
+            let high = (place + band).min(length - 1);
+            (low..=high).any(|other| from[at - place * along + other * along])
+        };
+        let rows: Vec<bool> = (0..nx * ny).map(|at| spread(&near, at, 1, nx, at % nx)).collect();
+        (0..nx * ny).map(|at| spread(&rows, at, nx, ny, at / nx)).collect()
+    }
+
     fn mark_free(&mut self, lattice: &Lattice, sweep: &Sweep<'_>) {
         let [width, _] = self.size;
         for (i, j) in self.window(lattice, sweep.center, sweep.reach) {

@@ -20,6 +20,9 @@ use crate::jobs::{Job, JobStatus, MapRecord, ProblemReport, Progress};
 
 /// Milliseconds since 1970 by the database's clock.
 const NOW: &str = "CAST(unixepoch('subsec') * 1000 AS INTEGER)";
+/// The progress of a job that goes back to the queue.
+const QUEUED_AGAIN: &str =
+    "progress = json_set(progress, '$.percent', 0.0, '$.stage', 'queued', '$.iteration', 0, '$.objective', NULL)";
 const JOB: &str = "id, tenant, name, labels, status, progress, message, problem, created, started, finished, updated, \
                    attempt, priority, map_id, revision";
 
@@ -199,7 +202,11 @@ impl JobStore for SqliteStore {
         fail.push(" AND attempt >= ").push_bind(MAX_ATTEMPTS);
         let failed = fail.build().execute(&mut *tx).await?.rows_affected();
         let mut requeue = QueryBuilder::<Sqlite>::new("UPDATE jobs SET status = 'accepted', revision = revision + 1");
-        requeue.push(", lease_until = NULL, message = 'its worker was lost; it runs again', updated = ").push(NOW);
+        requeue
+            .push(", lease_until = NULL, message = 'its worker was lost; it runs again', ")
+            .push(QUEUED_AGAIN)
+            .push(", updated = ")
+            .push(NOW);
         requeue.push(" WHERE status = 'running' AND lease_until < ").push(NOW);
         let requeued = requeue.build().execute(&mut *tx).await?.rows_affected();
         tx.commit().await?;
@@ -263,7 +270,11 @@ impl JobStore for SqliteStore {
     async fn retry(&self, id: &str, attempt: i64, delay: Duration, why: &str) -> Result<bool, StoreError> {
         let why = format!("attempt {attempt} did not finish, it runs again: {why}");
         self.fenced(id, attempt, |update| {
-            update.push("status = 'accepted', lease_until = NULL, message = ").push_bind(why);
+            update
+                .push("status = 'accepted', lease_until = NULL, ")
+                .push(QUEUED_AGAIN)
+                .push(", message = ")
+                .push_bind(why);
             update.push(", not_before = ").push(NOW).push(" + ").push_bind(delay.as_millis() as i64);
         })
         .await
@@ -271,7 +282,7 @@ impl JobStore for SqliteStore {
 
     async fn release(&self, id: &str, attempt: i64) -> Result<bool, StoreError> {
         self.fenced(id, attempt, |update| {
-            update.push("status = 'accepted', lease_until = NULL, attempt = attempt - 1");
+            update.push("status = 'accepted', lease_until = NULL, attempt = attempt - 1, ").push(QUEUED_AGAIN);
         })
         .await
     }

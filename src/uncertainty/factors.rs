@@ -10,8 +10,7 @@
 //!
 //! That fills in what each scan saw; it is refused where that is too much.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, Par};
+use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
 use super::inputs::{CompressedColumns, for_each_return};
@@ -102,40 +101,40 @@ impl Factors {
         let border = Bordered::factorise(&system, &mut cholesky)?;
         let (n, m) = (cholesky.dimension(), points.len());
         let mut result = vec![0.0; m * m];
-        let mut images = Mat::<f64>::zeros(if kind == Kind::Propagated { self.inputs.columns() } else { 0 }, m);
         for first in (0..m).step_by(COLUMNS_A_BLOCK) {
             let width = COLUMNS_A_BLOCK.min(m - first);
-            let mut x = Mat::<f64>::zeros(n, width);
+            let mut x = Mat::<f64>::zeros(n + self.coupling.columns(), width);
             (0..width).for_each(|k| x[(points[first + k], k)] = 1.0);
-            // [c; e] = M^-1 [E; 0]:  e = -S^-1 W^T E,  c = H^-1 E - W e
-            let e = border.solve_poses(border.w.transpose() * &x) * faer::Scale(-1.0);
-            cholesky.solve_block(x.as_mut())?;
-            matmul(x.as_mut(), Accum::Add, border.w.as_ref(), e.as_ref(), -1.0, Par::Seq);
-            for k in 0..width {
-                match kind {
-                    Kind::Posterior => {
-                        for (row, &point) in points.iter().enumerate() {
-                            result[row * m + first + k] = 2.0 * x[(point, k)];
-                        }
-                    }
-                    Kind::Propagated => {
-                        for input in 0..self.inputs.columns() {
-                            let value = |row: usize| if row < n { x[(row, k)] } else { e[(row - n, k)] };
-                            images[(input, first + k)] =
-                                self.inputs.column(input).map(|(row, b)| b * value(row)).sum::<f64>();
-                        }
-                    }
+            border.solve_block(&cholesky, x.as_mut())?;
+            let scale = match kind {
+                Kind::Posterior => 2.0,
+                Kind::Propagated => {
+                    self.times_input_covariance(&mut x);
+                    border.solve_block(&cholesky, x.as_mut())?;
+                    1.0
                 }
-            }
-        }
-        if kind == Kind::Propagated {
-            let product = images.transpose() * &images;
-            for row in 0..m {
-                (0..m).for_each(|column| result[row * m + column] = product[(row, column)]);
+            };
+            for k in 0..width {
+                for (row, &point) in points.iter().enumerate() {
+                    result[row * m + first + k] = scale * x[(point, k)];
+                }
             }
         }
         symmetrise(&mut result, m);
         Ok(result)
+    }
+
+    /// Replaces every column by `B B^T` times it.
+    fn times_input_covariance(&self, x: &mut Mat<f64>) {
+        let mut image = vec![0.0; x.nrows()];
+        for k in 0..x.ncols() {
+            image.fill(0.0);
+            for input in 0..self.inputs.columns() {
+                let share: f64 = self.inputs.column(input).map(|(row, b)| b * x[(row, k)]).sum();
+                self.inputs.column(input).for_each(|(row, b)| image[row] += b * share);
+            }
+            image.iter().enumerate().for_each(|(row, value)| x[(row, k)] = *value);
+        }
     }
 
     /// The factors with the poses eliminated, or `None` where that would take more than `limit` entries.
@@ -145,7 +144,7 @@ impl Factors {
         let scan_of = |column: usize| -> Option<usize> {
             self.inputs.column(column).find(|&(row, _)| row >= n).map(|(row, _)| (row - n) / 3)
         };
-        let fill = footprints.iter().map(|f| f * f).sum::<usize>()
+        let fill = footprints.iter().map(|f| f * f).sum::<usize>().min(n * n)
             + (0..self.inputs.columns()).filter_map(scan_of).map(|scan| footprints[scan]).sum::<usize>();
         if fill.saturating_add(self.hessian.values.len()) > limit {
             return None;

@@ -146,6 +146,9 @@ pub fn fit_request(
         if stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     let fitted = fit(&request.scans, &request.noise, &request.lattice, &request.options, &mut observer)?;
+    if stop.load(Ordering::Relaxed) {
+        return Err(FitError::Cancelled.into());
+    }
     set_stage(progress, "covariance", 85.0);
     Ok(FittedMap::finish(fitted, request.noise, || began.elapsed().as_secs_f64())?)
 }

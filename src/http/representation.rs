@@ -1,0 +1,104 @@
+//! A request for one representation of a map, from its address to the answer.
+//!
+//! Every GET below `/v1/maps/{id}` goes the same way: find the record (404), read the parameters and settle the format (422,
+//! 406), answer 304 where the client has it, else load the arrays, compute off the async threads, and tag the result. A
+//! handler says only what is its own.
+
+use std::sync::Arc;
+
+use axum::extract::{FromRequestParts, Path};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, Uri};
+use axum::response::Response;
+
+use super::AppState;
+use super::caching::Tag;
+use super::negotiate::{Format, negotiate};
+use super::params::Params;
+use super::problem::Problem;
+use crate::jobs::MapRecord;
+use crate::map::FittedMap;
+
+/// A request for a map, its record found.
+pub struct MapRequest {
+    pub state: AppState,
+    pub record: MapRecord,
+    pub params: Params,
+    headers: HeaderMap,
+    uri: Uri,
+}
+
+impl FromRequestParts<AppState> for MapRequest {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &AppState) -> Result<Self, Problem> {
+        let Path(id) = Path::<String>::from_request_parts(parts, state)
+            .await
+            .map_err(|_| Problem::not_found("there is no such map"))?;
+        Ok(Self {
+            record: state.map_record(&id).await?,
+            params: Params::of(&parts.uri),
+            headers: parts.headers.clone(),
+            uri: parts.uri.clone(),
+            state: state.clone(),
+        })
+    }
+}
+
+/// A request whose representation has to be made.
+pub struct Wanted {
+    pub state: AppState,
+    pub record: MapRecord,
+    pub format: Format,
+    tag: Tag,
+}
+
+/// What a settled request comes to.
+pub enum Settled {
+    /// The client has this representation.
+    Unchanged(Response),
+    Wanted(Box<Wanted>),
+}
+
+impl MapRequest {
+    /// Settles the format among those on offer, the default first; every fault of the parameters is answered here.
+    pub fn settle(mut self, offered: &[Format]) -> Result<Settled, Problem> {
+        let format = negotiate(&self.headers, &mut self.params, offered)?;
+        self.params.finish()?;
+        let tag = Tag::of(&self.uri, format);
+        Ok(match tag.not_modified(&self.headers) {
+            Some(response) => Settled::Unchanged(response),
+            None => Settled::Wanted(Box::new(Wanted { state: self.state, record: self.record, format, tag })),
+        })
+    }
+
+    /// Answers with what `make` makes of the map's arrays.
+    pub async fn answer(
+        self,
+        offered: &[Format],
+        make: impl FnOnce(&FittedMap, &MapRecord, Format) -> Result<Vec<u8>, Problem> + Send + 'static,
+    ) -> Result<Response, Problem> {
+        match self.settle(offered)? {
+            Settled::Unchanged(response) => Ok(response),
+            Settled::Wanted(wanted) => wanted.from_map(make).await,
+        }
+    }
+}
+
+impl Wanted {
+    /// The representation `make` makes of the map's arrays.
+    pub async fn from_map(
+        self,
+        make: impl FnOnce(&FittedMap, &MapRecord, Format) -> Result<Vec<u8>, Problem> + Send + 'static,
+    ) -> Result<Response, Problem> {
+        let map: Arc<FittedMap> = self.state.load(&self.record).await?;
+        let Self { state, record, format, tag } = self;
+        let body = state.compute(move || make(&map, &record, format)).await?;
+        Ok(tag.respond(format, body))
+    }
+
+    /// The representation, made already.
+    pub fn respond(self, body: Vec<u8>) -> Response {
+        self.tag.respond(self.format, body)
+    }
+}
