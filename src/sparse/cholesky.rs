@@ -100,11 +100,6 @@ impl Cholesky {
         self.stencil.dimension()
     }
 
-    /// The stored entries of the factor, zeros of merged supernodes included.
-    pub fn factor_len(&self) -> usize {
-        self.values.len()
-    }
-
     /// The pattern this factorises.
     pub fn stencil(&self) -> &Arc<Stencil> {
         &self.stencil
