@@ -81,12 +81,17 @@ impl Bounds {
     }
 }
 
-/// The distance of a point from the segment `a b`.
-pub fn distance_to_segment(p: Vec2, a: Vec2, b: Vec2) -> f64 {
+/// The point of the segment `a b` nearest to `p`.
+pub fn nearest_on_segment(p: Vec2, a: Vec2, b: Vec2) -> Vec2 {
     let ab = b - a;
     let length2 = ab.norm_squared();
     let t = if length2 > 0.0 { ((p - a).dot(&ab) / length2).clamp(0.0, 1.0) } else { 0.0 };
-    (p - a - ab * t).norm()
+    a + ab * t
+}
+
+/// The distance of a point from the segment `a b`.
+pub fn distance_to_segment(p: Vec2, a: Vec2, b: Vec2) -> f64 {
+    (p - nearest_on_segment(p, a, b)).norm()
 }
 
 /// An angle brought into (-pi, pi].

@@ -6,6 +6,7 @@
 
 mod bordered;
 mod chain;
+mod continuation;
 mod eikonal;
 mod loss;
 mod newton;
@@ -29,6 +30,8 @@ pub(crate) use objective::local_jet;
 pub use options::{FitOptions, Poses, Weighting, Weights};
 pub use sightings::{Placed, Sighting, Sightings, Viewpoint, Weighing};
 pub use start::signed_nearest_return;
+
+use newton::largest;
 
 use crate::geometry::{Cov3, Pose, psd_square_root};
 use crate::scan::{Evidence, LaserScan, Noise, Return, ReturnNoise, returns_of};
@@ -102,28 +105,47 @@ pub fn fit(
     }
     let refinable = lattice.len().saturating_mul(3 * scans.len()) <= LARGEST_BORDER;
     let weights = Weights::resolve(options, lattice.resolution, refinable);
-    let viewpoints = viewpoints(scans, noise, &weights)?;
+    let viewpoints = viewpoints(scans, noise, weights.model_sigma)?;
     let evidence = Evidence::gather(lattice, scans);
     let stencil = Stencil::of(lattice);
     let mut cholesky = Cholesky::analyse(&stencil)?;
-    let start = signed_nearest_return(lattice, &returns, &evidence, &mut cholesky)?;
+    let severity = continuation::severity(&returns, &viewpoints, lattice.resolution);
+    let blur = if options.weighting == Weighting::Paper { 0.0 } else { severity };
+    let start = signed_nearest_return(lattice, &returns, &evidence, blur, &mut cholesky)?;
     let weighing = match options.weighting {
         Weighting::Paper => Weighing::Frozen(sightings::published_weights(&returns, &viewpoints, &start)),
         Weighting::Calibrated => Weighing::Sampson,
     };
-    let refined = weights.poses == Poses::Refined;
-    let sightings = Sightings::new(lattice, returns, viewpoints, weighing, refined);
+    let sightings = Sightings::new(lattice, returns, viewpoints, weighing);
     let loss = weights.eikonal_loss(options.weighting, lattice.resolution);
     let eikonal_cells = match options.weighting {
         Weighting::Paper => None,
         Weighting::Calibrated => Some(evidence.cells_within(lattice, EIKONAL_BAND)),
     };
-    let objective = Objective::new(lattice.clone(), stencil, sightings, loss, weights.smoothing, eikonal_cells);
+    let mut objective = Objective::new(lattice.clone(), stencil, sightings, loss, weights.smoothing, eikonal_cells);
 
+    let refined = weights.poses == Poses::Refined;
     let mut unknowns = start.coefficients;
+    let mut spent = Minimum::default();
+    objective.reweigh(loss, weights.smoothing, refined);
     unknowns.resize(objective.unknowns(), 0.0);
-    let rule = StoppingRule { max_iterations: options.max_iterations, tolerance: options.tolerance };
-    let mut newton = Newton::new(&objective, &mut cholesky);
+    let first_gradient = largest(&objective.gradient(&unknowns));
+    if let Some(scale) = loss.scale.filter(|_| options.weighting == Weighting::Calibrated) {
+        for stage in continuation::stages(severity, scale) {
+            objective.reweigh(stage.loss(loss), weights.smoothing * stage.smoothing, stage.refined && refined);
+            unknowns.resize(objective.unknowns(), 0.0);
+            let rule = stage.rule(spent.iterations, options.max_iterations);
+            spent = Newton::new(&objective, &mut cholesky, spent).minimise(&mut unknowns, &rule, observer)?;
+        }
+        objective.reweigh(loss, weights.smoothing, refined);
+    }
+    let rule = StoppingRule {
+        max_iterations: options.max_iterations,
+        tolerance: options.tolerance,
+        first_gradient: Some(first_gradient),
+        certify: true,
+    };
+    let mut newton = Newton::new(&objective, &mut cholesky, spent);
     let minimum = newton.minimise(&mut unknowns, &rule, observer)?;
     let system = newton.system;
     let coefficients = unknowns[..lattice.len()].to_vec();
@@ -143,7 +165,7 @@ pub fn fit(
     })
 }
 
-fn viewpoints(scans: &[LaserScan], noise: &Noise, weights: &Weights) -> Result<Vec<Viewpoint>, FitError> {
+fn viewpoints(scans: &[LaserScan], noise: &Noise, model_sigma: f64) -> Result<Vec<Viewpoint>, FitError> {
     scans
         .iter()
         .enumerate()
@@ -151,9 +173,9 @@ fn viewpoints(scans: &[LaserScan], noise: &Noise, weights: &Weights) -> Result<V
             let covariance: Cov3 = laser.pose_covariance(noise);
             let root = psd_square_root(&covariance).ok_or(FitError::PoseCovariance { scan })?;
             let noise = ReturnNoise {
-                pose: (weights.poses == Poses::Fixed).then_some(covariance),
+                pose: Some(covariance),
                 range_variance: noise.sigma_range.powi(2),
-                model_variance: weights.model_sigma.powi(2),
+                model_variance: model_sigma.powi(2),
             };
             Ok(Viewpoint { position: laser.pose.position(), root, noise })
         })

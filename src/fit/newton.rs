@@ -24,6 +24,10 @@ pub struct StoppingRule {
     pub max_iterations: usize,
     /// The gradient's largest entry over the start's at which the fit counts as stationary.
     pub tolerance: f64,
+    /// The start's gradient's largest entry, where the minimisation begins elsewhere.
+    pub first_gradient: Option<f64>,
+    /// Whether a stationary point with an indefinite Hessian is left again.
+    pub certify: bool,
 }
 
 /// How a minimisation ended.
@@ -69,12 +73,13 @@ pub struct Newton<'a> {
 }
 
 impl<'a> Newton<'a> {
-    pub fn new(objective: &'a Objective, cholesky: &'a mut Cholesky) -> Self {
+    /// `spent` is what earlier minimisations cost; it is counted on from there.
+    pub fn new(objective: &'a Objective, cholesky: &'a mut Cholesky, spent: Minimum) -> Self {
         Self {
             damper: objective.damping(),
             damping: FIRST_DAMPING,
             refused: 0.0,
-            minimum: Minimum::default(),
+            minimum: spent,
             system: objective.system(),
             objective,
             cholesky,
@@ -90,7 +95,7 @@ impl<'a> Newton<'a> {
         observer: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
     ) -> Result<Minimum, FitError> {
         self.minimum.objective = self.objective.assemble(unknowns, Curvature::Exact, &mut self.system);
-        let first = largest(&self.system.gradient);
+        let first = rule.first_gradient.unwrap_or_else(|| largest(&self.system.gradient));
         if !(self.minimum.objective.is_finite() && first.is_finite()) {
             return Err(FitError::NotFinite);
         }
@@ -107,7 +112,11 @@ impl<'a> Newton<'a> {
                 return Err(FitError::Cancelled);
             }
             let out_of_steps = self.minimum.iterations >= rule.max_iterations || self.damping > STUCK_FROM;
-            if out_of_steps || self.minimum.relative_gradient <= rule.tolerance {
+            let stationary = self.minimum.relative_gradient <= rule.tolerance;
+            if (out_of_steps || stationary) && !rule.certify {
+                return Ok(self.minimum);
+            }
+            if out_of_steps || stationary {
                 self.minimum.factorisations += 1;
                 self.minimum.positive_definite = Bordered::factorise(&self.system, self.cholesky).is_ok();
                 if out_of_steps || self.minimum.positive_definite {
@@ -200,7 +209,8 @@ fn damp(system: &mut System, damper: &StencilMatrix, amount: f64) {
     }
 }
 
-fn largest(v: &[f64]) -> f64 {
+/// The largest absolute value; infinite where one is not a number.
+pub(super) fn largest(v: &[f64]) -> f64 {
     v.iter().fold(0.0, |worst: f64, v| if v.is_nan() { f64::INFINITY } else { worst.max(v.abs()) })
 }
 

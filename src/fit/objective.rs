@@ -75,6 +75,13 @@ impl Objective {
         Self { lattice, stencil, eikonal, sightings, quadrature, thin_plate, eikonal_cells }
     }
 
+    /// Changes the weights: the Eikonal loss, the thin-plate weight, and whether the poses are unknowns.
+    pub(super) fn reweigh(&mut self, eikonal: EikonalLoss, smoothing: f64, refined: bool) {
+        self.eikonal = eikonal;
+        self.thin_plate = thin_plate(self.lattice.resolution, smoothing);
+        self.sightings.refine(refined);
+    }
+
     /// The number of unknowns: control points, then pose unknowns.
     pub fn unknowns(&self) -> usize {
         self.lattice.len() + self.sightings.pose_unknowns()
@@ -111,6 +118,13 @@ impl Objective {
             }
         }
         total
+    }
+
+    /// The gradient at the unknowns.
+    pub(super) fn gradient(&self, unknowns: &[f64]) -> Vec<f64> {
+        let mut system = self.system();
+        self.assemble(unknowns, Curvature::Exact, &mut system);
+        system.gradient
     }
 
     /// The value; gradient and Hessian are written over what `system` held.
@@ -230,7 +244,7 @@ pub(crate) fn local_jet(row: &BasisRow, local: &[f64; SUPPORT]) -> Jet {
 }
 
 /// The Hessian block of the thin-plate energy over one cell: exact, since 4 Gauss points a side integrate degree 7.
-fn thin_plate(h: f64, weight: f64) -> CellBlock {
+pub(super) fn thin_plate(h: f64, weight: f64) -> CellBlock {
     const POINTS: [(f64, f64); 4] = [
         (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
         (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),

@@ -37,6 +37,8 @@ pub struct FitOptions {
     pub eikonal_scale: Option<f64>,
     /// The thin-plate weight of `calibrated`, per metre squared.
     pub smoothing: Option<f64>,
+    /// What stands for what the spline cannot follow, metres.
+    pub model_sigma: Option<f64>,
 }
 
 impl Default for FitOptions {
@@ -49,6 +51,7 @@ impl Default for FitOptions {
             eikonal_weight: None,
             eikonal_scale: None,
             smoothing: None,
+            model_sigma: None,
         }
     }
 }
@@ -72,7 +75,7 @@ pub struct Weights {
 }
 
 /// The weights that trials in rooms of a few metres settled on: see ARCHITECTURE.md.
-const CALIBRATED_EIKONAL: f64 = 3000.0;
+const CALIBRATED_EIKONAL: f64 = 1000.0;
 const CALIBRATED_SCALE: f64 = 0.2;
 const CALIBRATED_SMOOTHING: f64 = 1.0;
 /// What a spline cannot follow, as a share of its spacing: 5 mm at h = 0.2 m.
@@ -99,7 +102,7 @@ impl Weights {
                 eikonal_scale: Some(options.eikonal_scale.unwrap_or(CALIBRATED_SCALE)),
                 smoothing: options.smoothing.unwrap_or(CALIBRATED_SMOOTHING),
                 observation: "sampson".into(),
-                model_sigma: MODEL_SIGMA_SHARE * resolution,
+                model_sigma: options.model_sigma.unwrap_or(MODEL_SIGMA_SHARE * resolution),
                 poses: match options.poses {
                     Some(Poses::Fixed) => Poses::Fixed,
                     _ if refinable => Poses::Refined,

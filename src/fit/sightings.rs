@@ -58,17 +58,20 @@ pub struct Placed {
 }
 
 impl Sightings {
-    /// `returns` are those inside the lattice; `refined` makes the poses unknowns.
-    pub fn new(
-        lattice: &Lattice,
-        returns: Vec<Return>,
-        viewpoints: Vec<Viewpoint>,
-        weighing: Weighing,
-        refined: bool,
-    ) -> Self {
-        let mut sightings = Self { returns, viewpoints, weighing, refined, reported: Placed::default() };
+    /// Sightings from poses as reported. `returns` are those inside the lattice.
+    pub fn new(lattice: &Lattice, returns: Vec<Return>, viewpoints: Vec<Viewpoint>, weighing: Weighing) -> Self {
+        let mut sightings = Self { returns, viewpoints, weighing, refined: false, reported: Placed::default() };
         sightings.reported = sightings.place(lattice, &vec![0.0; 3 * sightings.viewpoints.len()]);
         sightings
+    }
+
+    /// Makes the poses unknowns, or takes them as reported. Returns of an unknown pose have the ranges' noise alone: the
+    /// pose's is then modelled where it belongs.
+    pub fn refine(&mut self, refined: bool) {
+        self.refined = refined;
+        for viewpoint in &mut self.viewpoints {
+            viewpoint.noise.pose = (!refined).then(|| viewpoint.root * viewpoint.root.transpose());
+        }
     }
 
     /// The number of pose unknowns.

@@ -8,6 +8,7 @@
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
+use super::objective::thin_plate;
 use crate::geometry::Vec2;
 use crate::scan::{Evidence, Return, SUBCELLS};
 use crate::sparse::{CellBlock, Cholesky, SparseError, StencilMatrix};
@@ -21,11 +22,13 @@ const LONGEST_CHORD: f64 = 3.0;
 /// Beams to either side a chord spans at most.
 const WIDEST_CHORD: isize = 8;
 
-/// The starting surface. `returns` must not be empty.
+/// The starting surface. `returns` must not be empty. `blur` is the length, in cells, over which it is smoothed: returns
+/// that scatter by half a cell would otherwise start as two walls.
 pub fn signed_nearest_return(
     lattice: &Lattice,
     returns: &[Return],
     evidence: &Evidence,
+    blur: f64,
     cholesky: &mut Cholesky,
 ) -> Result<Surface, SparseError> {
     let outward = outward_normals(returns, LONGEST_CHORD * lattice.resolution);
@@ -35,7 +38,9 @@ pub fn signed_nearest_return(
     let samples = sample_rows(lattice.resolution);
     let mut normal = StencilMatrix::zeros(cholesky.stencil().clone());
     let mut rhs = vec![0.0; lattice.len()];
-    let block = samples.iter().fold(CellBlock::ZERO, |mut sum, (row, _)| {
+    // Thin-plate energy against SUBCELLS^2 samples a cell smooths over (weight h^2 / SUBCELLS^2)^(1/4).
+    let weight = 0.5 * (SUBCELLS * SUBCELLS) as f64 * blur.powi(4) * lattice.resolution.powi(2);
+    let block = samples.iter().fold(thin_plate(lattice.resolution, weight), |mut sum, (row, _)| {
         sum.add_scaled(1.0, &CellBlock::symmetric_product(&row.value, &row.value));
         sum
     });

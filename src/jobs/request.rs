@@ -282,7 +282,7 @@ impl Reader<'_> {
 
     fn fit(&mut self, node: &Node, at: &str) -> Option<FitOptions> {
         let names =
-            ["weighting", "poses", "max_iterations", "tolerance", "eikonal_weight", "eikonal_scale", "smoothing"];
+            ["weighting", "poses", "max_iterations", "tolerance", "eikonal_weight", "eikonal_scale", "smoothing", "model_sigma"];
         self.object(node, at, &names)?;
         let weighting = self.optional(node, at, "weighting", |r, n, p| r.choice(n, p, &["paper", "calibrated"]));
         let poses = self.optional(node, at, "poses", |r, n, p| r.choice(n, p, &["fixed", "refined"]));
@@ -290,6 +290,7 @@ impl Reader<'_> {
         let tolerance = self.optional(node, at, "tolerance", |r, n, p| r.positive(n, p, 1e-14, 1.0));
         let mut weight = |name| self.optional(node, at, name, |r, n, p| r.positive(n, p, 1e-9, 1e9));
         let (eikonal_weight, eikonal_scale) = (weight("eikonal_weight"), weight("eikonal_scale"));
+        let model_sigma = self.optional(node, at, "model_sigma", |r, n, p| r.number(n, p, 0.0, 1e3));
         let smoothing = self.optional(node, at, "smoothing", |r, n, p| r.number(n, p, 0.0, 1e9));
         let (weighting, poses) = (weighting?, poses?);
         if (weighting, poses) == (Some("paper"), Some("refined")) {
@@ -304,6 +305,7 @@ impl Reader<'_> {
             eikonal_weight: eikonal_weight?,
             eikonal_scale: eikonal_scale?,
             smoothing: smoothing?,
+            model_sigma: model_sigma?,
         })
     }
 

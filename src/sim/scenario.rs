@@ -38,6 +38,29 @@ impl Scenario {
         }
     }
 
+    /// Experiment 1's scanner, noise and resolution in another world.
+    pub fn like_experiment_one(world: World, poses: &[[f64; 3]]) -> Self {
+        let bounds = world.bounds().grown(0.6);
+        let poses = poses.iter().map(|&[x, y, theta]| Pose::new(x, y, theta)).collect();
+        Self { world, poses, bounds, ..Self::experiment_one() }
+    }
+
+    /// The U-shaped room from three poses.
+    pub fn u_room() -> Self {
+        Self::like_experiment_one(World::u_room(), &[[4.0, 0.7, 1.57], [1.4, 6.8, -1.4], [6.7, 6.6, -1.8]])
+    }
+
+    /// The T-shaped room from four poses.
+    pub fn t_room() -> Self {
+        Self::like_experiment_one(World::t_room(), &[[4.4, 2.2, -1.5], [1.2, 6.9, -0.3], [7.9, 6.7, -2.8], [4.6, 6.0, 1.8]])
+    }
+
+    /// The hall with three pillars from five poses.
+    pub fn pillar_room() -> Self {
+        let poses = [[1.0, 1.0, 0.8], [8.1, 0.9, 2.3], [7.9, 6.2, -2.4], [1.1, 6.0, -0.8], [4.4, 1.0, 1.6]];
+        Self::like_experiment_one(World::pillar_room(), &poses)
+    }
+
     /// The scans of one draw of the noise.
     pub fn scans(&self, seed: u64) -> Vec<LaserScan> {
         simulate(&self.world, &self.lidar, &self.poses, &self.noise, seed)
@@ -46,8 +69,13 @@ impl Scenario {
     /// Points of the true boundary that some true pose could see, `step` metres apart.
     pub fn seen_boundary(&self, step: f64) -> Vec<Vec2> {
         let mut points = self.world.boundary(step);
-        points.retain(|&p| self.poses.iter().any(|pose| self.sees(pose, p)));
+        points.retain(|&p| self.sees_point(p));
         points
+    }
+
+    /// Whether some true pose has a point in view.
+    pub fn sees_point(&self, p: Vec2) -> bool {
+        self.poses.iter().any(|pose| self.sees(pose, p))
     }
 
     fn sees(&self, pose: &Pose, p: Vec2) -> bool {

@@ -1,6 +1,6 @@
 //! A room bounded by a polygon, with polygonal pillars in it.
 
-use crate::geometry::{Bounds, Vec2, distance_to_segment};
+use crate::geometry::{Bounds, Vec2, distance_to_segment, nearest_on_segment};
 
 /// Free space inside `outline` and outside every pillar. The corners' orientation does not matter.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,6 +18,28 @@ impl World {
     /// The room of the method's experiment 1: an L of 8 m with an inner corner at (4, 4).
     pub fn l_room() -> Self {
         Self::room(&[[0.0, 0.0], [8.0, 0.0], [8.0, 4.0], [4.0, 4.0], [4.0, 8.0], [0.0, 8.0]])
+    }
+
+    /// A U of 8 m: two arms joined at the bottom.
+    pub fn u_room() -> Self {
+        Self::room(&[[0.0, 0.0], [8.0, 0.0], [8.0, 8.0], [5.0, 8.0], [5.0, 3.0], [3.0, 3.0], [3.0, 8.0], [0.0, 8.0]])
+    }
+
+    /// A T: a bar of 9 m by 3 m on a stem of 3 m by 5 m.
+    pub fn t_room() -> Self {
+        Self::room(&[[3.0, 0.0], [6.0, 0.0], [6.0, 5.0], [9.0, 5.0], [9.0, 8.0], [0.0, 8.0], [0.0, 5.0], [3.0, 5.0]])
+    }
+
+    /// A hall of 9 m by 7 m with a square pillar, one on its corner and a triangular one.
+    pub fn pillar_room() -> Self {
+        let mut hall = Self::room(&[[0.0, 0.0], [9.0, 0.0], [9.0, 7.0], [0.0, 7.0]]);
+        let pillar = |corners: &[[f64; 2]]| corners.iter().map(|c| Vec2::new(c[0], c[1])).collect();
+        hall.pillars = vec![
+            pillar(&[[2.0, 2.0], [3.2, 2.0], [3.2, 3.2], [2.0, 3.2]]),
+            pillar(&[[6.5, 1.6], [7.4, 2.5], [6.5, 3.4], [5.6, 2.5]]),
+            pillar(&[[3.6, 4.6], [5.4, 4.6], [4.5, 5.9]]),
+        ];
+        hall
     }
 
     /// Every wall as a segment.
@@ -44,6 +66,14 @@ impl World {
     pub fn signed_distance(&self, p: Vec2) -> f64 {
         let distance = self.walls().map(|(a, b)| distance_to_segment(p, a, b)).fold(f64::INFINITY, f64::min);
         if self.is_free(p) { -distance } else { distance }
+    }
+
+    /// The point of the walls nearest to `p`.
+    pub fn nearest(&self, p: Vec2) -> Vec2 {
+        self.walls()
+            .map(|(a, b)| nearest_on_segment(p, a, b))
+            .min_by(|one, other| (one - p).norm_squared().total_cmp(&(other - p).norm_squared()))
+            .unwrap_or(p)
     }
 
     /// How far the nearest wall is along a unit direction.
