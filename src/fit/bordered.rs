@@ -14,6 +14,7 @@ use faer::{Accum, Mat, MatMut, Par, Side};
 use nalgebra::Matrix3;
 
 use super::chain::InputJet;
+use super::gauge;
 use crate::geometry::Cov3;
 use crate::sparse::{Cholesky, SparseError, StencilMatrix};
 use crate::spline::SUPPORT;
@@ -26,8 +27,10 @@ pub struct System {
     pub hessian: StencilMatrix,
     /// `K`: control points x pose unknowns.
     pub coupling: Mat<f64>,
-    /// `P`, block by block.
+    /// `P`, block by block, without the gauge's share.
     pub poses: Vec<Matrix3<f64>>,
+    /// `U` of [`gauge`]: `P` has `2 kappa U U^T` more.
+    pub gauge: Mat<f64>,
 }
 
 impl System {
@@ -67,6 +70,10 @@ impl System {
             let part = block * nalgebra::Vector3::new(e[3 * scan], e[3 * scan + 1], e[3 * scan + 2]);
             (0..3).for_each(|k| own[(3 * scan + k, 0)] += part[k]);
         }
+        let held = gauge::along(&self.gauge, e);
+        for (k, held) in held.iter().enumerate().take(self.gauge.ncols()) {
+            (0..e.len()).for_each(|row| own[(row, 0)] += 2.0 * gauge::STIFFNESS * self.gauge[(row, k)] * held);
+        }
         y.iter_mut().enumerate().for_each(|(k, y)| *y += shared[(k, 0)]);
         y.extend((0..e.len()).map(|k| own[(k, 0)]));
         y
@@ -97,6 +104,9 @@ impl Bordered {
                 }
             }
         }
+        let stiffness = 2.0 * gauge::STIFFNESS;
+        let modes = system.gauge.as_ref();
+        matmul(schur.as_mut(), Accum::Add, modes, modes.transpose(), stiffness, Par::Seq);
         matmul(schur.as_mut(), Accum::Add, system.coupling.transpose(), w.as_ref(), -1.0, Par::Seq);
         let schur = schur.llt(Side::Lower).map_err(|_| SparseError::NotPositiveDefinite)?;
         Ok(Self { w, schur: Some(schur) })

@@ -6,7 +6,7 @@
 use super::loss::{Curvature, LocalJet};
 use crate::geometry::{Cov2, Vec2};
 
-/// See the module. `weight` counts per quadrature point.
+/// See the module. `weight` counts per cell, of which a quadrature point has its share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EikonalLoss {
     pub weight: f64,
@@ -26,14 +26,14 @@ impl EikonalLoss {
         }
     }
 
-    pub fn value(&self, g: Vec2) -> f64 {
-        self.weight * self.rho(g.norm_squared() - 1.0).0
+    pub fn value(&self, share: f64, g: Vec2) -> f64 {
+        share * self.weight * self.rho(g.norm_squared() - 1.0).0
     }
 
     /// In gradient space the Hessian is `2 rho' I + 4 rho'' g g^T`: eigenvalues `2 rho' + 4 q rho''` along `g` and `2 rho'`
     /// across (`12q - 4` and `4(q - 1)` for the squared loss, `q = |g|^2`); the convex stand-in clamps both at zero.
-    pub fn jet(&self, g: Vec2, curvature: Curvature) -> LocalJet<2> {
-        let q = g.norm_squared();
+    pub fn jet(&self, share: f64, g: Vec2, curvature: Curvature) -> LocalJet<2> {
+        let (q, weight) = (g.norm_squared(), share * self.weight);
         let (value, first, second) = self.rho(q - 1.0);
         let hessian = match curvature {
             Curvature::Exact => Cov2::identity() * (2.0 * first) + g * g.transpose() * (4.0 * second),
@@ -44,9 +44,9 @@ impl EikonalLoss {
             }
         };
         LocalJet {
-            value: self.weight * value,
-            gradient: g * (self.weight * 2.0 * first),
-            hessian: hessian * self.weight,
+            value: weight * value,
+            gradient: g * (weight * 2.0 * first),
+            hessian: hessian * weight,
         }
     }
 }
@@ -61,16 +61,16 @@ mod tests {
         fn derivatives_agree_with_central_differences(x in -1.5..1.5f64, y in -1.5..1.5f64, robust in any::<bool>()) {
             let loss = EikonalLoss { weight: 3.0, scale: robust.then_some(0.2) };
             let (g, e) = (Vec2::new(x, y), 1e-6);
-            let jet = loss.jet(g, Curvature::Exact);
+            let jet = loss.jet(1.0, g, Curvature::Exact);
             for axis in 0..2 {
                 let mut d = Vec2::zeros();
                 d[axis] = e;
-                let (ahead, behind) = (loss.jet(g + d, Curvature::Exact), loss.jet(g - d, Curvature::Exact));
+                let (ahead, behind) = (loss.jet(1.0, g + d, Curvature::Exact), loss.jet(1.0, g - d, Curvature::Exact));
                 prop_assert!(((ahead.value - behind.value) / (2.0 * e) - jet.gradient[axis]).abs() < 1e-5);
                 let column = (ahead.gradient - behind.gradient) / (2.0 * e);
                 prop_assert!((column - jet.hessian.column(axis)).norm() < 1e-4 * (1.0 + jet.hessian.norm()));
             }
-            prop_assert!(loss.jet(g, Curvature::Convex).hessian.symmetric_eigenvalues().min() >= -1e-9);
+            prop_assert!(loss.jet(1.0, g, Curvature::Convex).hessian.symmetric_eigenvalues().min() >= -1e-9);
         }
     }
 }

@@ -8,6 +8,7 @@ mod bordered;
 mod chain;
 mod continuation;
 mod eikonal;
+pub mod gauge;
 mod loss;
 mod newton;
 mod objective;
@@ -122,7 +123,12 @@ pub fn fit(
         Weighting::Paper => None,
         Weighting::Calibrated => Some(evidence.cells_within(lattice, EIKONAL_BAND)),
     };
-    let mut objective = Objective::new(lattice.clone(), stencil, sightings, loss, weights.smoothing, eikonal_cells);
+    let points = match options.weighting {
+        Weighting::Paper => 2,
+        Weighting::Calibrated => 3,
+    };
+    let mut objective =
+        Objective::new(lattice.clone(), stencil, sightings, loss, weights.smoothing, eikonal_cells, points);
 
     let refined = weights.poses == Poses::Refined;
     let mut unknowns = start.coefficients;

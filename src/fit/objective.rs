@@ -4,7 +4,7 @@
 //! f(c, e) = sum over quadrature points  w_e rho(|grad u|^2 - 1)        2 x 2 Gauss points a cell
 //!         + integral of  lambda (u_xx^2 + 2 u_xy^2 + u_yy^2)          thin-plate energy
 //!         + sum over returns  u(X)^2 / (g^T C g)   or   rho_o u(X)^2
-//!         + |e|^2                                                     the poses' prior, where they are refined
+//!         + |e|^2 + kappa |U^T e|^2                                   the poses' prior and gauge, where they are refined
 //! ```
 //!
 //! after Arukgoda et al., CASE 2019. There is no factor 1/2. The unknowns are the coefficients `c`, then three numbers `e` a
@@ -20,17 +20,38 @@ use nalgebra::Matrix3;
 use super::bordered::System;
 use super::chain::{by_control_points, by_inputs};
 use super::eikonal::EikonalLoss;
+use super::gauge;
 use super::loss::Curvature;
 use super::sightings::Sightings;
 use crate::geometry::Vec2;
 use crate::sparse::{CellBlock, Stencil, StencilMatrix};
 use crate::spline::{BasisRow, Jet, Lattice, Located, SUPPORT, dot, gather, third_derivatives};
 
-/// The Gauss-Legendre points of order 2 on [0, 1]; each weighs a half.
-const GAUSS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
+/// Gauss-Legendre points on [0, 1] with their weights, by number.
+fn gauss(points: usize) -> &'static [(f64, f64)] {
+    const TWO: [(f64, f64); 2] = [(0.211_324_865_405_187_1, 0.5), (0.788_675_134_594_812_9, 0.5)];
+    const THREE: [(f64, f64); 3] = [
+        (0.112_701_665_379_258_31, 0.277_777_777_777_777_8),
+        (0.5, 0.444_444_444_444_444_4),
+        (0.887_298_334_620_741_7, 0.277_777_777_777_777_8),
+    ];
+    const FOUR: [(f64, f64); 4] = [
+        (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
+        (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),
+        (0.669_990_521_792_428_1, 0.326_072_577_431_273_07),
+        (0.930_568_155_797_026_3, 0.173_927_422_568_726_93),
+    ];
+    match points {
+        2 => &TWO,
+        3 => &THREE,
+        _ => &FOUR,
+    }
+}
 
 /// A quadrature point's basis rows and the products a Hessian is made of.
 struct QuadraturePoint {
+    /// Its share of the cell.
+    weight: f64,
     row: BasisRow,
     xx: CellBlock,
     xy: CellBlock,
@@ -50,7 +71,8 @@ pub struct Objective {
 }
 
 impl Objective {
-    /// `smoothing` is the thin-plate weight `lambda`; `eikonal_cells` says, a cell each, where the Eikonal term holds.
+    /// `smoothing` is the thin-plate weight `lambda`; `eikonal_cells` says, a cell each, where the Eikonal term holds; `points` Gauss points a
+    /// side (2 to 4) integrate it.
     pub fn new(
         lattice: Lattice,
         stencil: Arc<Stencil>,
@@ -58,17 +80,19 @@ impl Objective {
         eikonal: EikonalLoss,
         smoothing: f64,
         eikonal_cells: Option<Vec<bool>>,
+        points: usize,
     ) -> Self {
         let h = lattice.resolution;
-        let quadrature = GAUSS
+        let side = gauss(points);
+        let quadrature = side
             .iter()
-            .flat_map(|&w| GAUSS.iter().map(move |&t| (t, w)))
-            .map(|(t, w)| {
+            .flat_map(|&w| side.iter().map(move |&t| (t, w)))
+            .map(|((t, along), (w, across))| {
                 let row = BasisRow::at(t, w, h);
                 let xx = CellBlock::symmetric_product(&row.dx, &row.dx);
                 let xy = CellBlock::symmetric_product(&row.dx, &row.dy);
                 let yy = CellBlock::symmetric_product(&row.dy, &row.dy);
-                QuadraturePoint { row, xx, xy, yy }
+                QuadraturePoint { weight: along * across, row, xx, xy, yy }
             })
             .collect();
         let thin_plate = thin_plate(h, smoothing);
@@ -95,18 +119,20 @@ impl Objective {
             hessian: StencilMatrix::zeros(self.stencil.clone()),
             coupling: Mat::zeros(self.lattice.len(), poses),
             poses: vec![Matrix3::zeros(); poses / 3],
+            gauge: self.sightings.gauge.clone(),
         }
     }
 
     /// The objective's value at the unknowns.
     pub fn value(&self, unknowns: &[f64]) -> f64 {
         let (c, e) = unknowns.split_at(self.lattice.len());
-        let mut total = e.iter().map(|e| e * e).sum::<f64>();
+        let mut total = self.prior(e);
         for cell in self.cells() {
             let local = gather(c, &self.lattice.support(cell));
             total += 0.5 * dot(&self.thin_plate.times(&local), &local);
             for point in self.quadrature_of(cell) {
-                total += self.eikonal.value(Vec2::new(dot(&point.row.dx, &local), dot(&point.row.dy, &local)));
+                let g = Vec2::new(dot(&point.row.dx, &local), dot(&point.row.dy, &local));
+                total += self.eikonal.value(point.weight, g);
             }
         }
         for (cell, sightings) in self.sightings.at(&self.lattice, e).by_cell(&self.lattice) {
@@ -137,7 +163,18 @@ impl Objective {
             *gradient += 2.0 * e;
         }
         system.poses.iter_mut().for_each(|block| *block += Matrix3::identity() * 2.0);
-        surface + sightings + e.iter().map(|e| e * e).sum::<f64>()
+        let modes = &self.sightings.gauge;
+        for (k, held) in gauge::along(modes, e).iter().enumerate().take(modes.ncols()) {
+            let pull = 2.0 * gauge::STIFFNESS * held;
+            (0..e.len()).for_each(|row| system.gradient[c.len() + row] += pull * modes[(row, k)]);
+        }
+        surface + sightings + self.prior(e)
+    }
+
+    /// What the pose unknowns cost by themselves: their prior, and the gauge's spring.
+    fn prior(&self, e: &[f64]) -> f64 {
+        let held: f64 = gauge::along(&self.sightings.gauge, e).iter().map(|v| v * v).sum();
+        e.iter().map(|e| e * e).sum::<f64>() + gauge::STIFFNESS * held
     }
 
     fn assemble_surface(&self, c: &[f64], curvature: Curvature, system: &mut System) -> f64 {
@@ -150,7 +187,7 @@ impl Objective {
             total += 0.5 * dot(&slope, &local);
             for point in self.quadrature_of(cell) {
                 let row = &point.row;
-                let jet = self.eikonal.jet(Vec2::new(dot(&row.dx, &local), dot(&row.dy, &local)), curvature);
+                let jet = self.eikonal.jet(point.weight, Vec2::new(dot(&row.dx, &local), dot(&row.dy, &local)), curvature);
                 total += jet.value;
                 for ((slope, dx), dy) in slope.iter_mut().zip(&row.dx).zip(&row.dy) {
                     *slope += jet.gradient.x * dx + jet.gradient.y * dy;
@@ -245,15 +282,9 @@ pub(crate) fn local_jet(row: &BasisRow, local: &[f64; SUPPORT]) -> Jet {
 
 /// The Hessian block of the thin-plate energy over one cell: exact, since 4 Gauss points a side integrate degree 7.
 pub(super) fn thin_plate(h: f64, weight: f64) -> CellBlock {
-    const POINTS: [(f64, f64); 4] = [
-        (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
-        (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),
-        (0.669_990_521_792_428_1, 0.326_072_577_431_273_07),
-        (0.930_568_155_797_026_3, 0.173_927_422_568_726_93),
-    ];
     let mut block = CellBlock::ZERO;
-    for (t, t_weight) in POINTS {
-        for (w, w_weight) in POINTS {
+    for &(t, t_weight) in gauss(4) {
+        for &(w, w_weight) in gauss(4) {
             let row = BasisRow::at(t, w, h);
             let scale = 2.0 * weight * t_weight * w_weight * h * h;
             block.add_scaled(scale, &CellBlock::symmetric_product(&row.dxx, &row.dxx));

@@ -112,11 +112,11 @@ impl Weights {
         }
     }
 
-    /// The Eikonal loss per quadrature point of a cell with side `h`.
+    /// The Eikonal loss over a cell with side `h`.
     pub(crate) fn eikonal_loss(&self, weighting: Weighting, h: f64) -> EikonalLoss {
         let weight = match weighting {
-            Weighting::Paper => self.eikonal,
-            Weighting::Calibrated => self.eikonal * h * h / 4.0,
+            Weighting::Paper => self.eikonal * 4.0,
+            Weighting::Calibrated => self.eikonal * h * h,
         };
         EikonalLoss { weight, scale: self.eikonal_scale }
     }

@@ -6,6 +6,9 @@
 
 use std::borrow::Cow;
 
+use faer::Mat;
+
+use super::gauge;
 use super::loss::{Curvature, LocalJet};
 use super::sampson::{frozen, sampson};
 use crate::geometry::{Cov3, Vec2};
@@ -46,6 +49,8 @@ pub struct Sightings {
     pub viewpoints: Vec<Viewpoint>,
     pub weighing: Weighing,
     pub refined: bool,
+    /// `U` of [`super::gauge`]; without columns where poses are fixed.
+    pub gauge: Mat<f64>,
     reported: Placed,
 }
 
@@ -60,7 +65,8 @@ pub struct Placed {
 impl Sightings {
     /// Sightings from poses as reported. `returns` are those inside the lattice.
     pub fn new(lattice: &Lattice, returns: Vec<Return>, viewpoints: Vec<Viewpoint>, weighing: Weighing) -> Self {
-        let mut sightings = Self { returns, viewpoints, weighing, refined: false, reported: Placed::default() };
+        let (gauge, reported) = (Mat::zeros(0, 0), Placed::default());
+        let mut sightings = Self { returns, viewpoints, weighing, refined: false, gauge, reported };
         sightings.reported = sightings.place(lattice, &vec![0.0; 3 * sightings.viewpoints.len()]);
         sightings
     }
@@ -69,6 +75,7 @@ impl Sightings {
     /// pose's is then modelled where it belongs.
     pub fn refine(&mut self, refined: bool) {
         self.refined = refined;
+        self.gauge = if refined { gauge::common_motion(&self.viewpoints) } else { Mat::zeros(0, 0) };
         for viewpoint in &mut self.viewpoints {
             viewpoint.noise.pose = (!refined).then(|| viewpoint.root * viewpoint.root.transpose());
         }

@@ -5,6 +5,7 @@
 //! cell), the poses and the returns. `factors.npz` holds what any covariance entry can be formed from. The fit's report is
 //! JSON inside `map.npz`, as bytes.
 
+use faer::Mat;
 use nalgebra::Matrix3;
 use thiserror::Error;
 
@@ -116,6 +117,9 @@ pub fn factors_to_npz(lattice: &Lattice, factors: &Factors) -> Result<Vec<u8>, A
         .array("cells", &[2], &lattice.cells.map(|n| n as i64))?
         .array("hessian", &[factors.hessian.values.len()], &factors.hessian.values)?
         .array("poses", &[factors.poses.len(), 3, 3], &poses)?;
+    let [rows, modes] = [factors.gauge.nrows(), factors.gauge.ncols()];
+    let gauge: Vec<f64> = (0..rows * modes).map(|k| factors.gauge[(k / modes, k % modes)]).collect();
+    npz.array("gauge", &[rows, modes], &gauge)?;
     write_columns(&mut npz, "coupling", &factors.coupling)?;
     write_columns(&mut npz, "input", &factors.inputs)?;
     Ok(npz.finish()?)
@@ -129,7 +133,10 @@ pub fn factors_from_npz(bytes: &[u8]) -> Result<Factors, ArchiveError> {
     let poses = read_covariances(&mut npz, "poses")?;
     let coupling = read_columns(&mut npz, "coupling")?;
     let inputs = read_columns(&mut npz, "input")?;
-    Ok(Factors::from_parts(&lattice, hessian, coupling, poses, inputs)?)
+    let flat: Vec<f64> = npz.array("gauge")?;
+    let modes = if flat.is_empty() { 0 } else { flat.len() / (3 * poses.len()).max(1) };
+    let gauge = Mat::from_fn(3 * poses.len(), modes, |row, mode| flat[row * modes + mode]);
+    Ok(Factors::from_parts(&lattice, hessian, coupling, poses, gauge, inputs)?)
 }
 
 /// Writes the four arrays of a CSC matrix: `NAME_data`, `NAME_indices`, `NAME_indptr`, `NAME_shape`.

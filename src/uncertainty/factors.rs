@@ -8,15 +8,19 @@
 //! H' = H - K P^-1 K^T,   B' = B_c - K P^-1 B_e,   propagated = H'^-1 B' B'^T H'^-1,   posterior = 2 H'^-1
 //! ```
 //!
-//! That fills in what each scan saw; it is refused where that is too much.
+//! That fills in what any scan saw; it is refused where that is too much. The *posterior* has the gauge's share besides
+//! ([`gauge`]): `W U U^T W^T`, `W = H^-1 K`.
 
-use faer::Mat;
-use nalgebra::{Matrix3, Vector3};
+use std::collections::BTreeMap;
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use nalgebra::Matrix3;
 
 use super::inputs::{CompressedColumns, for_each_return};
 use super::marginals::settle;
 use super::{Kind, UncertaintyError};
-use crate::fit::{Bordered, Fit, Poses, System};
+use crate::fit::{Bordered, Fit, Poses, System, gauge};
 use crate::sparse::{Cholesky, Stencil, StencilMatrix};
 use crate::spline::Lattice;
 
@@ -26,8 +30,10 @@ pub struct Factors {
     pub hessian: StencilMatrix,
     /// `K`: control points x pose unknowns.
     pub coupling: CompressedColumns,
-    /// `P`, block by block.
+    /// `P`, block by block, without the gauge's share.
     pub poses: Vec<Matrix3<f64>>,
+    /// `U` of [`gauge`]: `P` has `2 kappa U U^T` more.
+    pub gauge: Mat<f64>,
     /// `B`: (control points + pose unknowns) x inputs.
     pub inputs: CompressedColumns,
 }
@@ -37,6 +43,9 @@ pub struct Reduced {
     pub hessian: CompressedColumns,
     pub inputs: CompressedColumns,
 }
+
+/// Pose unknowns that are eliminated at most: beyond, the dense block between them is what costs.
+const LARGEST_ELIMINATION: usize = 600;
 
 /// Right-hand sides are solved for in blocks of this many.
 const COLUMNS_A_BLOCK: usize = 256;
@@ -49,7 +58,7 @@ impl Factors {
         let unknowns = fit.unknowns.len();
         let scans = fit.poses.len();
         let mut inputs = CompressedColumns::new(unknowns);
-        let mut pose_columns = vec![std::collections::BTreeMap::<usize, [f64; 3]>::new(); scans];
+        let mut pose_columns = vec![BTreeMap::<usize, [f64; 3]>::new(); scans];
         for_each_return(fit, |range, pose| {
             let border = (0..3).map(|a| (n + 3 * range.scan + a, range.by_pose[a]));
             let own = range.support.iter().copied().zip(range.by_control_points);
@@ -72,7 +81,7 @@ impl Factors {
                 }
             }
         }
-        Ok(Self { hessian: fit.system.hessian.clone(), coupling, poses: fit.system.poses.clone(), inputs })
+        Ok(Self { hessian: fit.system.hessian.clone(), coupling, poses: fit.system.poses.clone(), gauge: fit.system.gauge.clone(), inputs })
     }
 
     /// Factors from their parts, which must fit each other.
@@ -81,6 +90,7 @@ impl Factors {
         hessian: Vec<f64>,
         coupling: CompressedColumns,
         poses: Vec<Matrix3<f64>>,
+        gauge: Mat<f64>,
         inputs: CompressedColumns,
     ) -> Result<Self, UncertaintyError> {
         let mut matrix = StencilMatrix::zeros(Stencil::of(lattice));
@@ -91,7 +101,10 @@ impl Factors {
         if coupling.columns() != 3 * poses.len() || inputs.rows != lattice.len() + 3 * poses.len() {
             return Err(UncertaintyError::Malformed("border and inputs have different numbers of poses"));
         }
-        Ok(Self { hessian: matrix, coupling, poses, inputs })
+        if gauge.ncols() > 0 && gauge.nrows() != 3 * poses.len() {
+            return Err(UncertaintyError::Malformed("the gauge has another number of poses"));
+        }
+        Ok(Self { hessian: matrix, coupling, poses, gauge, inputs })
     }
 
     /// The dense covariance between the given control points (or coefficients), row-major, exact.
@@ -107,7 +120,10 @@ impl Factors {
             (0..width).for_each(|k| x[(points[first + k], k)] = 1.0);
             border.solve_block(&cholesky, x.as_mut())?;
             let scale = match kind {
-                Kind::Posterior => 2.0,
+                Kind::Posterior => {
+                    self.add_common_motion(&border, points, first..first + width, &mut result);
+                    2.0
+                }
                 Kind::Propagated => {
                     self.times_input_covariance(&mut x);
                     border.solve_block(&cholesky, x.as_mut())?;
@@ -116,12 +132,32 @@ impl Factors {
             };
             for k in 0..width {
                 for (row, &point) in points.iter().enumerate() {
-                    result[row * m + first + k] = scale * x[(point, k)];
+                    result[row * m + first + k] += scale * x[(point, k)];
                 }
             }
         }
         symmetrise(&mut result, m);
         Ok(result)
+    }
+
+    /// Adds the posterior's share of the gauge, `W U U^T W^T`, in some columns.
+    fn add_common_motion(
+        &self,
+        border: &Bordered,
+        points: &[usize],
+        columns: std::ops::Range<usize>,
+        result: &mut [f64],
+    ) {
+        if self.gauge.ncols() == 0 {
+            return;
+        }
+        let moved = &border.w * &self.gauge;
+        for column in columns {
+            for (row, &point) in points.iter().enumerate() {
+                let shared = (0..moved.ncols()).map(|k| moved[(point, k)] * moved[(points[column], k)]);
+                result[row * points.len() + column] += shared.sum::<f64>();
+            }
+        }
     }
 
     /// Replaces every column by `B B^T` times it.
@@ -137,45 +173,46 @@ impl Factors {
         }
     }
 
-    /// The factors with the poses eliminated, or `None` where that would take more than `limit` entries.
+    /// The factors with the poses eliminated, or `None` where that would take more than `limit` entries. Whatever any scan
+    /// saw is coupled then: the gauge ties all poses together.
     pub fn reduced(&self, limit: usize) -> Option<Reduced> {
-        let n = self.hessian.stencil().dimension();
-        let footprints: Vec<usize> = (0..self.poses.len()).map(|scan| self.coupling.column(3 * scan).count()).collect();
-        let scan_of = |column: usize| -> Option<usize> {
-            self.inputs.column(column).find(|&(row, _)| row >= n).map(|(row, _)| (row - n) / 3)
-        };
-        let fill = footprints.iter().map(|f| f * f).sum::<usize>().min(n * n)
-            + (0..self.inputs.columns()).filter_map(scan_of).map(|scan| footprints[scan]).sum::<usize>();
-        if fill.saturating_add(self.hessian.values.len()) > limit {
+        let (n, unknowns) = (self.hessian.stencil().dimension(), self.coupling.columns());
+        let mut seen: Vec<usize> = (0..unknowns).flat_map(|k| self.coupling.column(k)).map(|(row, _)| row).collect();
+        seen.sort_unstable();
+        seen.dedup();
+        let bordered = |k: usize| self.inputs.column(k).any(|(row, _)| row >= n);
+        let filled = (0..self.inputs.columns()).filter(|&k| bordered(k)).count();
+        let fill = seen.len().saturating_mul(seen.len() + filled);
+        if unknowns > LARGEST_ELIMINATION || fill.saturating_add(self.hessian.values.len()) > limit {
             return None;
         }
-        let inverse: Vec<Matrix3<f64>> = self.poses.iter().map(|p| p.try_inverse()).collect::<Option<_>>()?;
-        let mut hessian = vec![std::collections::BTreeMap::<usize, f64>::new(); n];
+        let place = |row: usize| seen.partition_point(|&other| other < row);
+        let mut coupling = Mat::<f64>::zeros(seen.len(), unknowns);
+        for k in 0..unknowns {
+            self.coupling.column(k).for_each(|(row, value)| coupling[(place(row), k)] = value);
+        }
+        // P^-1 K^T: the elimination of both, Hessian and inputs.
+        let image = self.pose_block().llt(Side::Lower).ok()?.solve(coupling.transpose());
+        let lost = &coupling * &image;
+        let mut hessian = vec![BTreeMap::<usize, f64>::new(); n];
         for ((row, column), value) in self.hessian.stencil().entries().zip(&self.hessian.values) {
             hessian[column].insert(row, *value);
             hessian[row].insert(column, *value);
         }
-        for (scan, inverse) in inverse.iter().enumerate() {
-            let rows = self.scan_coupling(scan);
-            for (column, right) in &rows {
-                let image = inverse * right;
-                for (row, left) in &rows {
-                    *hessian[*column].entry(*row).or_default() -= left.dot(&image);
-                }
+        for (a, &row) in seen.iter().enumerate() {
+            for (b, &column) in seen.iter().enumerate() {
+                // Symmetric to the last bit, whichever way the products were summed.
+                *hessian[column].entry(row).or_default() -= 0.5 * (lost[(a, b)] + lost[(b, a)]);
             }
         }
         let mut columns = CompressedColumns::new(n);
         hessian.into_iter().for_each(|column| columns.push(column));
         let mut inputs = CompressedColumns::new(n);
-        for column in 0..self.inputs.columns() {
-            let mut own: std::collections::BTreeMap<usize, f64> =
-                self.inputs.column(column).filter(|&(row, _)| row < n).collect();
-            if let Some(scan) = scan_of(column) {
-                let mut border = Vector3::zeros();
-                self.inputs.column(column).filter(|&(row, _)| row >= n).for_each(|(row, v)| border[(row - n) % 3] = v);
-                let image = inverse[scan] * border;
-                for (row, left) in self.scan_coupling(scan) {
-                    *own.entry(row).or_default() -= left.dot(&image);
+        for k in 0..self.inputs.columns() {
+            let mut own: BTreeMap<usize, f64> = self.inputs.column(k).filter(|&(row, _)| row < n).collect();
+            for (unknown, share) in self.inputs.column(k).filter(|&(row, _)| row >= n) {
+                for (a, &row) in seen.iter().enumerate() {
+                    *own.entry(row).or_default() -= image[(unknown - n, a)] * share;
                 }
             }
             inputs.push(own);
@@ -183,10 +220,23 @@ impl Factors {
         Some(Reduced { hessian: columns, inputs })
     }
 
+    /// `P` whole.
+    fn pose_block(&self) -> Mat<f64> {
+        let unknowns = self.coupling.columns();
+        let mut block = Mat::zeros(unknowns, unknowns);
+        for (scan, own) in self.poses.iter().enumerate().take(unknowns / 3) {
+            (0..9).for_each(|k| block[(3 * scan + k / 3, 3 * scan + k % 3)] = own[(k / 3, k % 3)]);
+        }
+        if self.gauge.ncols() > 0 {
+            block += (&self.gauge * self.gauge.transpose()) * faer::Scale(2.0 * gauge::STIFFNESS);
+        }
+        block
+    }
+
     /// `M` whole, both triangles.
     pub fn bordered_hessian(&self) -> CompressedColumns {
         let n = self.hessian.stencil().dimension();
-        let mut columns = vec![std::collections::BTreeMap::<usize, f64>::new(); n + self.coupling.columns()];
+        let mut columns = vec![BTreeMap::<usize, f64>::new(); n + self.coupling.columns()];
         for ((row, column), &value) in self.hessian.stencil().entries().zip(&self.hessian.values) {
             columns[column].insert(row, value);
             columns[row].insert(column, value);
@@ -196,20 +246,15 @@ impl Factors {
                 columns[n + k].insert(row, value);
                 columns[row].insert(n + k, value);
             }
-            for a in 0..3 {
-                columns[n + k].insert(n + k - k % 3 + a, self.poses[k / 3][(a, k % 3)]);
-            }
+        }
+        let block = self.pose_block();
+        for k in 0..block.ncols() {
+            let own = (0..block.nrows()).filter(|&row| row / 3 == k / 3 || self.gauge.ncols() > 0);
+            own.for_each(|row| _ = columns[n + k].insert(n + row, block[(row, k)]));
         }
         let mut whole = CompressedColumns::new(columns.len());
         columns.into_iter().for_each(|column| whole.push(column));
         whole
-    }
-
-    /// A scan's three coupling columns, row by row.
-    fn scan_coupling(&self, scan: usize) -> Vec<(usize, Vector3<f64>)> {
-        let columns = [0, 1, 2].map(|a| self.coupling.column(3 * scan + a));
-        let [x, y, theta] = columns;
-        x.zip(y).zip(theta).map(|(((row, x), (_, y)), (_, t))| (row, Vector3::new(x, y, t))).collect()
     }
 
     fn system(&self) -> System {
@@ -219,7 +264,7 @@ impl Factors {
             self.coupling.column(column).for_each(|(row, value)| coupling[(row, column)] = value);
         }
         let gradient = vec![0.0; n + coupling.ncols()];
-        System { gradient, hessian: self.hessian.clone(), coupling, poses: self.poses.clone() }
+        System { gradient, hessian: self.hessian.clone(), coupling, poses: self.poses.clone(), gauge: self.gauge.clone() }
     }
 }
 

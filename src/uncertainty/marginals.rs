@@ -6,13 +6,13 @@
 //! ```text
 //! fixed poses     posterior   2 H^-1
 //!                 propagated  H^-1 G H^-1 + F F^T                 F = H^-1 f_cq R, three columns a scan
-//! refined poses   posterior   2 (H^-1 + W S^-1 W^T)
+//! refined poses   posterior   2 (H^-1 + W S^-1 W^T) + W U U^T W^T
 //!                 propagated  H^-1 G H^-1 - Y W^T - W Y^T + W Q W^T
 //!                   Y = H^-1 (B_c B_e^T - G W) S^-1
-//!                   Q = S^-1 (B_e B_e^T - W^T B_c B_e^T - (...)^T + W^T G W) S^-1 + 4 S^-2
+//!                   Q = S^-1 (B_e B_e^T - W^T B_c B_e^T - (...)^T + W^T G W) S^-1 + (S^-1 D)(S^-1 D)^T,  D = 2 I + 2 kappa U U^T
 //! ```
 //!
-//! `H^-1` and `H^-1 G H^-1` come from selected inversion; the rest are a few dense columns a scan. `R Q R^T` is the
+//! `U` is the gauge ([`gauge`]), which `S` contains. `H^-1` and `H^-1 G H^-1` come from selected inversion; the rest are a few dense columns a scan. `R Q R^T` is the
 //! refined poses' propagated covariance. Everything is scaled to be symmetric before it is stored.
 
 use faer::linalg::matmul::matmul;
@@ -21,7 +21,7 @@ use nalgebra::Matrix3;
 
 use super::inputs::for_each_return;
 use super::{Kind, UncertaintyError};
-use crate::fit::{Bordered, Curvature, Fit, Poses};
+use crate::fit::{Bordered, Curvature, Fit, Poses, gauge};
 use crate::geometry::Cov3;
 use crate::sparse::{CellBlock, StencilMatrix, selected_sandwich};
 
@@ -129,7 +129,8 @@ fn add_refined_poses(
     let w_shared = w.transpose() * &shared;
     let middle = &own - &w_shared - w_shared.transpose() + w.transpose() * &gw;
     let s_inverse = border.solve_poses(Mat::identity(poses, poses));
-    let q = &s_inverse * middle * &s_inverse + (&s_inverse * &s_inverse) * faer::Scale(4.0);
+    let reported = pose_image(&s_inverse, &fit.system.gauge);
+    let q = &s_inverse * middle * &s_inverse + &reported * reported.transpose();
 
     let mut y = &shared - &gw;
     fit.cholesky.solve_block(y.as_mut())?;
@@ -138,7 +139,10 @@ fn add_refined_poses(
     let mut v = y * faer::Scale(-1.0);
     matmul(v.as_mut(), Accum::Add, w, q.as_ref(), 0.5, Par::Seq);
     add_products(&mut marginals.propagated, v.as_ref(), w, 1.0);
-    let t = w * &s_inverse;
+    // The gauge's directions have their prior's variance: a half before the doubling at the end.
+    let modes = &fit.system.gauge;
+    let spread = &s_inverse + (modes * modes.transpose()) * faer::Scale(0.5);
+    let t = w * &spread;
     add_products(&mut marginals.posterior, t.as_ref(), w, 0.5);
 
     let in_world = |matrix: &Mat<f64>, scale: f64| {
@@ -150,7 +154,13 @@ fn add_refined_poses(
             })
             .collect()
     };
-    Ok(PoseCovariance { propagated: in_world(&q, 1.0), posterior: in_world(&s_inverse, 2.0) })
+    Ok(PoseCovariance { propagated: in_world(&q, 1.0), posterior: in_world(&spread, 2.0) })
+}
+
+/// `S^-1 (2 I + 2 kappa U U^T)`: what a change of the reported poses leaves of itself in the refined ones.
+fn pose_image(s_inverse: &Mat<f64>, modes: &Mat<f64>) -> Mat<f64> {
+    let along = (s_inverse * modes) * modes.transpose();
+    s_inverse * faer::Scale(2.0) + along * faer::Scale(2.0 * gauge::STIFFNESS)
 }
 
 /// Adds the entries of `scale (A B^T + B A^T)` that are on the stencil.

@@ -6,7 +6,7 @@ use faer::Mat;
 use faer::linalg::solvers::DenseSolveCore;
 
 use super::*;
-use crate::fit::{Fit, FitOptions, Newton, Poses, StoppingRule, Weighting, fit};
+use crate::fit::{Fit, FitOptions, Minimum, Newton, Poses, StoppingRule, Weighting, fit, gauge};
 use crate::scan::LaserScan;
 use crate::sim::Scenario;
 use crate::spline::Lattice;
@@ -37,6 +37,8 @@ fn dense(factors: &Factors) -> (Mat<f64>, Mat<f64>) {
             m[(n + 3 * scan + a, n + column)] = factors.poses[scan][(a, column % 3)];
         }
     }
+    let spring = (&factors.gauge * factors.gauge.transpose()) * faer::Scale(2.0 * gauge::STIFFNESS);
+    (0..spring.nrows()).for_each(|a| (0..spring.ncols()).for_each(|b| m[(n + a, n + b)] += spring[(a, b)]));
     let mut b = Mat::zeros(n + p, factors.inputs.columns());
     for column in 0..b.ncols() {
         factors.inputs.column(column).for_each(|(row, value)| b[(row, column)] = value);
@@ -52,7 +54,16 @@ fn check_against_dense(options: FitOptions) {
     let (m, b) = dense(&factors);
     let inverse = m.partial_piv_lu().inverse();
     let image = &inverse * &b;
-    let (propagated, posterior) = (&image * image.transpose(), &inverse * faer::Scale(2.0));
+    let mut posterior = &inverse * faer::Scale(2.0);
+    let n = fit.surface.lattice.len();
+    if factors.gauge.ncols() > 0 {
+        // The map's answer to a common motion of all poses, whose variance along the gauge is one.
+        let h = m.submatrix(0, 0, n, n).to_owned().partial_piv_lu().inverse();
+        let moved = h * m.submatrix(0, n, n, m.ncols() - n) * &factors.gauge;
+        let mut own = posterior.submatrix_mut(0, 0, n, n);
+        own += &moved * moved.transpose();
+    }
+    let propagated = &image * image.transpose();
     for (kind, exact) in [(Kind::Propagated, &propagated), (Kind::Posterior, &posterior)] {
         let entries = marginals.of(kind).stencil().entries().zip(&marginals.of(kind).values);
         for ((p, q), value) in entries {
@@ -68,7 +79,6 @@ fn check_against_dense(options: FitOptions) {
             }
         }
     }
-    let n = fit.surface.lattice.len();
     for (scan, covariance) in poses.propagated.iter().enumerate() {
         let root = fit.objective.sightings.viewpoints[scan].root;
         // The pose is q0 + R e: its error is that of the report plus that of e, which answer each other.
@@ -113,13 +123,23 @@ fn eliminating_the_poses_leaves_both_covariances_as_they_are() {
     let inverse = full(&reduced.hessian).partial_piv_lu().inverse();
     let image = &inverse * full(&reduced.inputs);
     let points: Vec<usize> = (200..230).collect();
+    let (m, _) = dense(&factors);
+    let n = fit.surface.lattice.len();
+    let h = m.submatrix(0, 0, n, n).to_owned().partial_piv_lu().inverse();
+    let moved = h * m.submatrix(0, n, n, m.ncols() - n) * &factors.gauge;
+    let common: Vec<f64> = points
+        .iter()
+        .flat_map(|&p| points.iter().map(move |&q| (p, q)))
+        .map(|(p, q)| (0..moved.ncols()).map(|k| moved[(p, k)] * moved[(q, k)]).sum())
+        .collect();
     let (propagated, posterior) =
         (factors.block(Kind::Propagated, &points).unwrap(), factors.block(Kind::Posterior, &points).unwrap());
     for (row, &p) in points.iter().enumerate() {
         for (column, &q) in points.iter().enumerate() {
             let exact: f64 = (0..image.ncols()).map(|k| image[(p, k)] * image[(q, k)]).sum();
             assert!((propagated[row * 30 + column] - exact).abs() < 1e-9 * propagated[row * 31].abs());
-            assert!((posterior[row * 30 + column] - 2.0 * inverse[(p, q)]).abs() < 1e-8 * posterior[row * 31].abs());
+            let exact = 2.0 * inverse[(p, q)] + common[row * 30 + column];
+            assert!((posterior[row * 30 + column] - exact).abs() < 1e-8 * posterior[row * 31].abs());
         }
     }
     assert!(factors.reduced(1_000).is_none());
@@ -160,7 +180,7 @@ fn refitted(scans: &[LaserScan], changed: &[LaserScan], options: &FitOptions) ->
     fit.objective.sightings = fitted(changed, options).objective.sightings;
     let rule = StoppingRule { max_iterations: 50, tolerance: 1e-9, first_gradient: None, certify: true };
     let mut unknowns = fit.unknowns;
-    Newton::new(&fit.objective, &mut fit.cholesky)
+    Newton::new(&fit.objective, &mut fit.cholesky, Minimum::default())
         .minimise(&mut unknowns, &rule, &mut |_| ControlFlow::Continue(()))
         .unwrap();
     unknowns
