@@ -105,7 +105,8 @@ pub fn fit(
         return Err(FitError::NoEvidence);
     }
     let refinable = lattice.len().saturating_mul(3 * scans.len()) <= LARGEST_BORDER;
-    let weights = Weights::resolve(options, lattice.resolution, refinable);
+    let information = information(lattice, &returns, noise.sigma_range);
+    let weights = Weights::resolve(options, lattice.resolution, refinable, information);
     let viewpoints = viewpoints(scans, noise, weights.model_sigma)?;
     let evidence = Evidence::gather(lattice, scans);
     let stencil = Stencil::of(lattice);
@@ -169,6 +170,16 @@ pub fn fit(
         cholesky,
         poses,
     })
+}
+
+/// How many times over the returns' ranges determine a cell of wall: returns an occupied cell x (h / sigma)^2.
+fn information(lattice: &Lattice, returns: &[Return], sigma: f64) -> f64 {
+    let mut cells: Vec<usize> =
+        returns.iter().filter_map(|seen| lattice.locate(seen.point)).map(|at| lattice.cell_index(at.cell)).collect();
+    cells.sort_unstable();
+    cells.dedup();
+    let density = returns.len() as f64 / cells.len().max(1) as f64;
+    density * (lattice.resolution / sigma).powi(2)
 }
 
 fn viewpoints(scans: &[LaserScan], noise: &Noise, model_sigma: f64) -> Result<Vec<Viewpoint>, FitError> {

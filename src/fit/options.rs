@@ -74,18 +74,24 @@ pub struct Weights {
     pub poses: Poses,
 }
 
-/// The weights that trials in rooms of a few metres settled on: see ARCHITECTURE.md.
+/// What `docs/calibration.md` settled on. The Eikonal and the thin-plate weight rise together with the square root of the
+/// returns' information: with few, noisy returns a stiff surface buys smooth ridges by moving walls; with many, a soft one
+/// lets them bend the map inside.
 const CALIBRATED_EIKONAL: f64 = 1000.0;
 const CALIBRATED_SCALE: f64 = 0.2;
 const CALIBRATED_SMOOTHING: f64 = 1.0;
+const PLAIN_INFORMATION: f64 = 250.0;
+const MOST_TRUST: f64 = 4.0;
 /// What a spline cannot follow, as a share of its spacing: 5 mm at h = 0.2 m.
 const MODEL_SIGMA_SHARE: f64 = 0.025;
 /// The published weight, per quadrature point.
 const PAPER_EIKONAL: f64 = 0.125;
 
 impl Weights {
-    /// The weights for a lattice of the given resolution. `refinable` says whether refining the poses is affordable.
-    pub fn resolve(options: &FitOptions, resolution: f64, refinable: bool) -> Self {
+    /// The weights for a lattice of the given resolution. `refinable` says whether refining the poses is affordable;
+    /// `information` is how many times over the returns determine a cell of wall: returns a cell x (h / sigma)^2.
+    pub fn resolve(options: &FitOptions, resolution: f64, refinable: bool, information: f64) -> Self {
+        let trust = (information / PLAIN_INFORMATION).sqrt().clamp(1.0, MOST_TRUST);
         match options.weighting {
             Weighting::Paper => Self {
                 eikonal: options.eikonal_weight.unwrap_or(PAPER_EIKONAL),
@@ -97,10 +103,10 @@ impl Weights {
                 poses: Poses::Fixed,
             },
             Weighting::Calibrated => Self {
-                eikonal: options.eikonal_weight.unwrap_or(CALIBRATED_EIKONAL),
+                eikonal: options.eikonal_weight.unwrap_or(CALIBRATED_EIKONAL * trust),
                 eikonal_unit: "per m^2".into(),
                 eikonal_scale: Some(options.eikonal_scale.unwrap_or(CALIBRATED_SCALE)),
-                smoothing: options.smoothing.unwrap_or(CALIBRATED_SMOOTHING),
+                smoothing: options.smoothing.unwrap_or(CALIBRATED_SMOOTHING * trust),
                 observation: "sampson".into(),
                 model_sigma: options.model_sigma.unwrap_or(MODEL_SIGMA_SHARE * resolution),
                 poses: match options.poses {
