@@ -79,6 +79,6 @@ impl Stage {
     /// `spent` steps are behind; `most` is what the whole fit may take, of which the stages leave the last half.
     pub fn rule(&self, spent: usize, most: usize) -> StoppingRule {
         let last = (spent + self.steps).min(most / 2).max(spent);
-        StoppingRule { max_iterations: last, tolerance: LOOSE, first_gradient: None, certify: false }
+        StoppingRule { max_iterations: last, tolerance: LOOSE, first_gradient: None, certify: false, chords: 0 }
     }
 }

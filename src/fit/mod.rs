@@ -47,6 +47,9 @@ const LARGEST_BORDER: usize = 2_000_000;
 /// converges.
 const EIKONAL_BAND: usize = 1;
 
+/// Steps a factorisation serves after its own under the squared loss, whose Hessian changes slowly along its valleys.
+const CHORDS: usize = 1;
+
 #[derive(Debug, Error)]
 pub enum FitError {
     #[error("no return lies inside the map's bounds")]
@@ -151,6 +154,7 @@ pub fn fit(
         tolerance: options.tolerance,
         first_gradient: Some(first_gradient),
         certify: true,
+        chords: if options.weighting == Weighting::Paper { CHORDS } else { 0 },
     };
     let mut newton = Newton::new(&objective, &mut cholesky, spent);
     let minimum = newton.minimise(&mut unknowns, &rule, observer)?;

@@ -28,6 +28,8 @@ pub struct StoppingRule {
     pub first_gradient: Option<f64>,
     /// Whether a stationary point with an indefinite Hessian is left again.
     pub certify: bool,
+    /// How many further steps one factorisation may serve.
+    pub chords: usize,
 }
 
 /// How a minimisation ended.
@@ -54,6 +56,8 @@ const CONVEX_FROM: f64 = 1e3;
 const RAISE: f64 = 4.0;
 const LOWER: f64 = 0.1;
 const FORGET: f64 = 0.5;
+/// A chord's step must promise less than the one before, and keep this share of its promise.
+const CHORD_GAIN: f64 = 0.1;
 /// A step shorter than this share of the Newton step is given up, and damping raised instead.
 const SHORTEST_STEP: f64 = 1e-4;
 /// A fit whose damping exceeds this cannot move: it has gone as far as rounding lets it.
@@ -124,11 +128,11 @@ impl<'a> Newton<'a> {
                 }
                 self.damping = self.damping.max(FIRST_DAMPING);
             }
-            self.step(unknowns)?;
+            self.step(unknowns, rule.chords)?;
         }
     }
 
-    fn step(&mut self, unknowns: &mut [f64]) -> Result<(), FitError> {
+    fn step(&mut self, unknowns: &mut [f64], chords: usize) -> Result<(), FitError> {
         self.minimum.iterations += 1;
         let factor = self.factorise_damped(unknowns)?;
         let downhill: Vec<f64> = self.system.gradient.iter().map(|g| -g).collect();
@@ -138,6 +142,9 @@ impl<'a> Newton<'a> {
         let (length, kept) = self.search(unknowns, &step, slope, curved);
         for (x, s) in unknowns.iter_mut().zip(&step) {
             *x += length * s;
+        }
+        if length == 1.0 {
+            self.chords(unknowns, &factor, chords, slope);
         }
         self.damping = match (length, kept) {
             (0.0, _) => (self.damping * 16.0).max(1e-3),
@@ -152,6 +159,27 @@ impl<'a> Newton<'a> {
         }
         self.minimum.objective = self.objective.assemble(unknowns, Curvature::Exact, &mut self.system);
         if self.minimum.objective.is_finite() { Ok(()) } else { Err(FitError::NotFinite) }
+    }
+
+    /// Further steps with the factor at hand (Shamanskii's: a chord's slope in place of the tangent's), as long as they pay: a
+    /// gradient and a solve cost a fraction of a Hessian and its factor. `slope` is that of the step before.
+    fn chords(&mut self, unknowns: &mut [f64], factor: &Bordered, most: usize, mut slope: f64) {
+        for _ in 0..most {
+            let mut step: Vec<f64> = self.objective.gradient(unknowns).iter().map(|g| -g).collect();
+            let downhill = step.clone();
+            factor.solve(self.cholesky, &mut step);
+            let own = -dot(&downhill, &step);
+            if !(own < 0.0 && own > slope * 4.0) {
+                return;
+            }
+            let here = self.objective.value(unknowns);
+            let trial: Vec<f64> = unknowns.iter().zip(&step).map(|(x, s)| x + s).collect();
+            if here - self.objective.value(&trial) < -CHORD_GAIN * own {
+                return;
+            }
+            unknowns.copy_from_slice(&trial);
+            slope = own;
+        }
     }
 
     /// Raises the damping until the system, which is damped in place, is positive definite.

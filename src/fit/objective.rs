@@ -146,11 +146,40 @@ impl Objective {
         total
     }
 
-    /// The gradient at the unknowns.
-    pub(super) fn gradient(&self, unknowns: &[f64]) -> Vec<f64> {
-        let mut system = self.system();
-        self.assemble(unknowns, Curvature::Exact, &mut system);
-        system.gradient
+    /// The gradient at the unknowns, without the Hessian where poses are fixed.
+    pub fn gradient(&self, unknowns: &[f64]) -> Vec<f64> {
+        if self.sightings.refined {
+            let mut system = self.system();
+            self.assemble(unknowns, Curvature::Convex, &mut system);
+            return system.gradient;
+        }
+        let mut gradient = vec![0.0; unknowns.len()];
+        for cell in self.cells() {
+            let support = self.lattice.support(cell);
+            let local = gather(unknowns, &support);
+            let mut slope = self.thin_plate.times(&local);
+            for point in self.quadrature_of(cell) {
+                let g = Vec2::new(dot(&point.row.dx, &local), dot(&point.row.dy, &local));
+                let pull = self.eikonal.slope(point.weight, g);
+                for ((into, dx), dy) in slope.iter_mut().zip(&point.row.dx).zip(&point.row.dy) {
+                    *into += pull.x * dx + pull.y * dy;
+                }
+            }
+            support.iter().zip(&slope).for_each(|(&k, s)| gradient[k] += s);
+        }
+        for (cell, sightings) in self.sightings.at(&self.lattice, &[]).by_cell(&self.lattice) {
+            let support = self.lattice.support(cell);
+            let local = gather(unknowns, &support);
+            for sighting in sightings {
+                let row = self.lattice.row(&sighting.located);
+                let g = Vec2::new(dot(&row.dx, &local), dot(&row.dy, &local));
+                let jet = self.sightings.loss(sighting, dot(&row.value, &local), g, Curvature::Convex).gradient;
+                for (k, &at) in support.iter().enumerate() {
+                    gradient[at] += jet[0] * row.value[k] + jet[1] * row.dx[k] + jet[2] * row.dy[k];
+                }
+            }
+        }
+        gradient
     }
 
     /// The value; gradient and Hessian are written over what `system` held.

@@ -61,6 +61,24 @@ impl Scenario {
         Self::like_experiment_one(World::pillar_room(), &poses)
     }
 
+    /// An office like a comb with `side` metres, scanned all around every 6 m: for measuring how cost grows.
+    pub fn comb_office(side: f64) -> Self {
+        let world = World::comb_office(side);
+        let reach = world.bounds().max;
+        let mut poses = Vec::new();
+        let rooms = ((reach[0] + 1.0) / 4.0).round() as usize;
+        for room in 0..rooms {
+            let x = 4.0 * room as f64 + 1.5;
+            let mut y = 1.5;
+            while y < reach[1] - 1.0 {
+                poses.push([x, y, 0.3 + 0.1 * room as f64]);
+                y += 6.0;
+            }
+        }
+        let wide = Lidar::of_degrees(271, 270.0);
+        Self { lidar: wide, ..Self::like_experiment_one(world, &poses) }
+    }
+
     /// The scans of one draw of the noise.
     pub fn scans(&self, seed: u64) -> Vec<LaserScan> {
         simulate(&self.world, &self.lidar, &self.poses, &self.noise, seed)

@@ -42,6 +42,25 @@ impl World {
         hall
     }
 
+    /// An office like a comb: a corridor 3 m wide along the bottom of a square, and rooms 3 m wide behind walls of 1 m that
+    /// open into it. `side` is rounded to whole rooms.
+    pub fn comb_office(side: f64) -> Self {
+        let teeth = ((side + 1.0) / 4.0).round().max(1.0) as usize;
+        let side = 4.0 * teeth as f64 - 1.0;
+        let mut corners = vec![[0.0, 0.0], [side, 0.0]];
+        for tooth in (0..teeth).rev() {
+            let left = 4.0 * tooth as f64;
+            if tooth + 1 < teeth {
+                corners.push([left + 3.0, 3.0]);
+            }
+            corners.extend([[left + 3.0, side], [left, side]]);
+            if tooth > 0 {
+                corners.push([left, 3.0]);
+            }
+        }
+        Self::room(&corners)
+    }
+
     /// Every wall as a segment.
     pub fn walls(&self) -> impl Iterator<Item = (Vec2, Vec2)> + '_ {
         std::iter::once(&self.outline).chain(&self.pillars).flat_map(|corners| edges(corners))

@@ -178,7 +178,7 @@ fn a_changed_input_moves_the_minimum_as_predicted() {
 fn refitted(scans: &[LaserScan], changed: &[LaserScan], options: &FitOptions) -> Vec<f64> {
     let mut fit = fitted(scans, options);
     fit.objective.sightings = fitted(changed, options).objective.sightings;
-    let rule = StoppingRule { max_iterations: 50, tolerance: 1e-9, first_gradient: None, certify: true };
+    let rule = StoppingRule { max_iterations: 50, tolerance: 1e-9, first_gradient: None, certify: true, chords: 0 };
     let mut unknowns = fit.unknowns;
     Newton::new(&fit.objective, &mut fit.cholesky, Minimum::default())
         .minimise(&mut unknowns, &rule, &mut |_| ControlFlow::Continue(()))
