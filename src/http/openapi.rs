@@ -113,6 +113,8 @@ pub struct FitRequestBody {
     eikonal_scale: Option<f64>,
     /// The thin-plate weight.
     smoothing: Option<f64>,
+    /// What stands for what the spline cannot follow, metres; 2.5 % of the resolution by default.
+    model_sigma: Option<f64>,
 }
 
 /// A lattice of control points.

@@ -47,7 +47,7 @@ impl FittedMap {
     pub fn distance(&self, p: Vec2, kind: Kind) -> Option<(f64, f64)> {
         let at = self.lattice().locate(p)?;
         let row = self.lattice().row(&at).value;
-        let variance = dot(&row, &self.covariance_at(&at, kind).times(&row));
+        let variance = self.marginals.of(kind).cell_form(self.lattice().support(at.cell)[0], &row);
         Some((dot(&row, &self.surface.gather(at.cell)), variance.max(0.0).sqrt()))
     }
 

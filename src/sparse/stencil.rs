@@ -246,6 +246,24 @@ impl StencilMatrix {
         block
     }
 
+    /// The quadratic form of a cell's block, without forming the block: what a variance costs.
+    #[inline]
+    pub fn cell_form(&self, first: usize, x: &[f64; SUPPORT]) -> f64 {
+        let nx = self.stencil.size[0];
+        let (mut total, mut packed) = (0.0, 0);
+        for b in 0..SUPPORT {
+            let column = first + b % 4 + (b / 4) * nx;
+            let positions = &self.stencil.positions[column * SLOTS..(column + 1) * SLOTS];
+            let mut sum = 0.5 * self.values[positions[0]] * x[b];
+            for (&slot, x) in CELL_SLOTS[packed + 1..packed + SUPPORT - b].iter().zip(&x[b + 1..]) {
+                sum += self.values[positions[slot]] * x;
+            }
+            total += sum * x[b];
+            packed += SUPPORT - b;
+        }
+        2.0 * total
+    }
+
     /// The diagonal.
     pub fn diagonal(&self) -> Vec<f64> {
         (0..self.stencil.dimension()).map(|k| self.values[self.stencil.column_starts[k]]).collect()
@@ -317,6 +335,7 @@ mod tests {
         let block = CellBlock::symmetric_product(&a, &b);
         matrix.add_cell(9, &block);
         assert_eq!(matrix.cell(9), block);
+        assert!((matrix.cell_form(9, &a) - block.bilinear(&a, &a)).abs() < 1e-12);
         let norms = (a.iter().map(|v| v * v).sum::<f64>(), b.iter().map(|v| v * v).sum::<f64>());
         let dot: f64 = a.iter().zip(&b).map(|(a, b)| a * b).sum();
         assert!((block.bilinear(&a, &b) - 0.5 * (norms.0 * norms.1 + dot * dot)).abs() < 1e-12);
