@@ -25,6 +25,7 @@
 //! ```
 
 use faer::linalg::matmul::matmul;
+use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
 use faer::{Accum, Mat, MatMut, MatRef, Par};
@@ -68,8 +69,9 @@ pub fn selected_sandwich(
         accumulate(s21.as_mut(), s22.as_ref(), pivot.m.as_ref(), -1.0);
         let wg = product(pivot.w.as_ref(), g11, 1.0);
         let mut s11 = product(wg.as_ref(), pivot.w.as_ref(), 1.0);
-        accumulate(s11.as_mut(), dm.transpose(), z21.as_ref(), 1.0);
-        accumulate(s11.as_mut(), pivot.m.transpose(), s21.as_ref(), -1.0);
+        accumulate_lower(s11.as_mut(), dm.transpose(), z21.as_ref(), 1.0);
+        accumulate_lower(s11.as_mut(), pivot.m.transpose(), s21.as_ref(), -1.0);
+        mirror(s11.as_mut());
 
         z.store(s, z11.as_ref(), z21.as_ref());
         s_panels.store(s, s11.as_ref(), s21.as_ref());
@@ -99,7 +101,8 @@ impl Pivot {
 fn inverse_blocks(pivot: &Pivot, z22: MatRef<'_, f64>) -> (Mat<f64>, Mat<f64>) {
     let z21 = product(z22, pivot.m.as_ref(), -1.0);
     let mut z11 = pivot.w.clone();
-    accumulate(z11.as_mut(), pivot.m.transpose(), z21.as_ref(), -1.0);
+    accumulate_lower(z11.as_mut(), pivot.m.transpose(), z21.as_ref(), -1.0);
+    mirror(z11.as_mut());
     (z21, z11)
 }
 
@@ -129,8 +132,8 @@ fn eliminate_derivative<'a>(
         let (g11, g21) = panels.blocks(s);
         let mut e = g21.to_owned();
         accumulate(e.as_mut(), pivot.m.as_ref(), g11, -1.0);
-        accumulate(g22.as_mut(), e.as_ref(), pivot.m.transpose(), -1.0);
-        accumulate(g22.as_mut(), pivot.m.as_ref(), g21.transpose(), -1.0);
+        accumulate_lower(g22.as_mut(), e.as_ref(), pivot.m.transpose(), -1.0);
+        accumulate_lower(g22.as_mut(), pivot.m.as_ref(), g21.transpose(), -1.0);
         updates[s] = Some(g22);
         children[panels.owner[first_below]].push(s);
     }
@@ -232,21 +235,17 @@ impl<'a> Panels<'a> {
             .collect()
     }
 
-    /// Adds a child's update to supernode `s`: to its panel, and to `trailing` between the rows below.
+    /// Adds a child's update (its lower triangle) to supernode `s`: to its panel, and to `trailing` between the rows below.
     fn extend_add(&mut self, s: usize, trailing: &mut Mat<f64>, child: usize, update: MatRef<'_, f64>) {
         let places = self.places(s, self.symbolic.supernode(child).pattern());
         let (width, height, span) = (self.width(s), self.height(s), self.span(s));
         let panel = &mut self.values[span];
         for (column, &into) in places.iter().enumerate() {
-            if into < width {
-                for (row, &place) in places.iter().enumerate().skip(column) {
+            for (row, &place) in places.iter().enumerate().skip(column) {
+                if into < width {
                     panel[into * height + place] += update[(row, column)];
-                }
-            } else {
-                for (row, &place) in places.iter().enumerate() {
-                    if place >= width {
-                        trailing[(place - width, into - width)] += update[(row, column)];
-                    }
+                } else {
+                    trailing[(place - width, into - width)] += update[(row, column)];
                 }
             }
         }
@@ -254,12 +253,7 @@ impl<'a> Panels<'a> {
 
     /// Copies a pivot block's lower triangle to its upper.
     fn mirror_pivot(&mut self, s: usize) {
-        let (mut pivot, _) = self.blocks_mut(s);
-        for column in 0..pivot.ncols() {
-            for row in column + 1..pivot.nrows() {
-                pivot[(column, row)] = pivot[(row, column)];
-            }
-        }
+        mirror(self.blocks_mut(s).0);
     }
 
     fn scatter(&mut self, g: &StencilMatrix, inverse: &[usize]) {
@@ -301,6 +295,21 @@ fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64) -> Mat<f64> {
 
 fn accumulate(into: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64) {
     matmul(into, Accum::Add, a, b, scale, Par::Seq);
+}
+
+/// Adds the lower triangle of a product that is symmetric, alone or with others.
+fn accumulate_lower(into: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64) {
+    let (lower, whole) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
+    triangular::matmul(into, lower, Accum::Add, a, whole, b, whole, scale, Par::Seq);
+}
+
+/// Copies the lower triangle to the upper.
+fn mirror(mut square: MatMut<'_, f64>) {
+    for column in 0..square.ncols() {
+        for row in column + 1..square.nrows() {
+            square[(column, row)] = square[(row, column)];
+        }
+    }
 }
 
 #[cfg(test)]
