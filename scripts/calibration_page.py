@@ -16,6 +16,7 @@ matplotlib.rcParams["svg.hashsalt"] = "mapfit"
 import matplotlib.pyplot as plt
 
 KEY = ("world", "noise", "resolution", "beams")
+WORLDS = ["L", "U", "T", "pillars", "house"]
 NOISE = {
     "as1": "as experiment 1",
     "half": "half",
@@ -87,7 +88,8 @@ def main():
     known = read(study)
     for fresh in sys.argv[2:]:
         known |= read(fresh)
-    rows = list(known.values())
+    order = lambda row: (WORLDS.index(row["world"]), list(NOISE).index(row["noise"]), row["resolution"], row["beams"])
+    rows = sorted(known.values(), key=order)
     with open(study, "w", newline="") as out:
         writer = csv.DictWriter(out, rows[0].keys(), lineterminator="\n")
         writer.writeheader()
@@ -95,7 +97,7 @@ def main():
     plot(rows, os.path.join(folder, "coverage.svg"))
     page = open(os.path.join(folder, "page.md")).read()
     with open(folder + ".md", "w") as out:
-        out.write(page.replace("{table}", table(rows)).replace("{verdicts}", verdicts(rows)))
+        out.write(page.replace("{cases}", str(len(rows))).replace("{table}", table(rows)).replace("{verdicts}", verdicts(rows)))
 
 
 main()

@@ -68,7 +68,10 @@ fn five_times_the_pose_noise(mut scenario: Scenario) -> Scenario {
 #[test]
 fn bad_poses_do_not_make_the_map_overconfident() {
     let found = study(&five_times_the_pose_noise(Scenario::u_room()));
-    println!("U: coverage {:.3}, poses {:.3}, boundary {:.4} m", found.coverage, found.pose_coverage, found.boundary_rms);
+    println!(
+        "U: coverage {:.3}, poses {:.3}, boundary {:.4} m",
+        found.coverage, found.pose_coverage, found.boundary_rms
+    );
     assert!((0.90..=0.985).contains(&found.coverage) && (0.90..=0.985).contains(&found.pose_coverage));
 }
 

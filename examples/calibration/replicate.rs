@@ -26,9 +26,8 @@ pub struct Truth {
 impl Truth {
     pub fn of(scenario: &Scenario) -> Self {
         let (world, h) = (&scenario.world, scenario.resolution);
-        let within = |p: &Vec2| {
-            (0..2).all(|axis| (scenario.bounds.min[axis]..=scenario.bounds.max[axis]).contains(&p[axis]))
-        };
+        let within =
+            |p: &Vec2| (0..2).all(|axis| (scenario.bounds.min[axis]..=scenario.bounds.max[axis]).contains(&p[axis]));
         let boundary: Vec<Vec2> = scenario.seen_boundary(0.1).into_iter().filter(within).collect();
         let corners: Vec<Vec2> = world.corners().collect();
         let plain = boundary.iter().map(|p| corners.iter().all(|c| (c - p).norm() > h)).collect();

@@ -43,9 +43,8 @@ impl Tally {
         }
         let poses = || all.iter().flat_map(|r| &r.poses);
         let ratio_of = |axes: &[usize]| {
-            let sum = |which: usize| {
-                poses().map(|p| axes.iter().map(|&a| p[which][a].powi(2)).sum::<f64>()).sum::<f64>()
-            };
+            let sum =
+                |which: usize| poses().map(|p| axes.iter().map(|&a| p[which][a].powi(2)).sum::<f64>()).sum::<f64>();
             (sum(1) / sum(0)).sqrt()
         };
         let held = poses().flat_map(|p| (0..3).map(move |a| p[1][a].abs() <= 2.0 * p[2][a]));
@@ -105,7 +104,12 @@ impl Tally {
 
 fn covered(all: &[Replicate], keep: &dyn Fn(usize) -> bool, of: impl Fn(&Replicate) -> &Vec<(f64, f64)>) -> f64 {
     share(all.iter().flat_map(|r| {
-        of(r).iter().enumerate().filter(|(k, _)| keep(*k)).map(|(_, (e, sigma))| e.abs() <= 2.0 * sigma).collect::<Vec<_>>()
+        of(r)
+            .iter()
+            .enumerate()
+            .filter(|(k, _)| keep(*k))
+            .map(|(_, (e, sigma))| e.abs() <= 2.0 * sigma)
+            .collect::<Vec<_>>()
     }))
 }
 

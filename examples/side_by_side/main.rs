@@ -120,7 +120,11 @@ fn solve(mut problem: Problem) -> Result<(), Failure> {
     })?;
     let system = newton.system;
     println!("# factorisations {} positive definite {}", minimum.factorisations, minimum.positive_definite);
-    println!("# inside rmse at the start {:.4} at the end {:.4}", inside(&problem, &problem.start), inside(&problem, &unknowns));
+    println!(
+        "# inside rmse at the start {:.4} at the end {:.4}",
+        inside(&problem, &problem.start),
+        inside(&problem, &unknowns)
+    );
     let timed = |work: &mut dyn FnMut() -> Result<(), Failure>| -> Result<f64, Failure> {
         let mut best = f64::INFINITY;
         for _ in 0..3 {

@@ -62,7 +62,8 @@ pub fn severity(returns: &[Return], viewpoints: &[Viewpoint], resolution: f64) -
 pub fn stages(severity: f64, scale: f64) -> [Stage; 4] {
     let widest = (WIDEST_SCALE * severity).max(2.0 * scale);
     let smoothing = (MOST_SMOOTHING * severity.powi(4)).max(1.0);
-    let stage = |refined, scale: f64, root: f64, steps| Stage { refined, scale, smoothing: smoothing.powf(root), steps };
+    let stage =
+        |refined, scale: f64, root: f64, steps| Stage { refined, scale, smoothing: smoothing.powf(root), steps };
     [
         stage(false, widest, 1.0, 20),
         stage(true, widest, 1.0, 12),

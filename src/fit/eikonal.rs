@@ -48,11 +48,7 @@ impl EikonalLoss {
                 Cov2::identity() * across + outer * (along - across)
             }
         };
-        LocalJet {
-            value: weight * value,
-            gradient: g * (weight * 2.0 * first),
-            hessian: hessian * weight,
-        }
+        LocalJet { value: weight * value, gradient: g * (weight * 2.0 * first), hessian: hessian * weight }
     }
 }
 

@@ -34,7 +34,8 @@ pub fn common_motion(viewpoints: &[Viewpoint]) -> Mat<f64> {
     let mut motion = DMatrix::<f64>::zeros(3 * viewpoints.len(), 3);
     for (scan, viewpoint) in viewpoints.iter().enumerate() {
         let root = &viewpoint.root;
-        let Some(inverse) = root.try_inverse().filter(|_| root.determinant().abs() > SINGULAR * root.norm().powi(3)) else {
+        let Some(inverse) = root.try_inverse().filter(|_| root.determinant().abs() > SINGULAR * root.norm().powi(3))
+        else {
             return none;
         };
         let arm = viewpoint.position - center;

@@ -216,7 +216,8 @@ impl Objective {
             total += 0.5 * dot(&slope, &local);
             for point in self.quadrature_of(cell) {
                 let row = &point.row;
-                let jet = self.eikonal.jet(point.weight, Vec2::new(dot(&row.dx, &local), dot(&row.dy, &local)), curvature);
+                let jet =
+                    self.eikonal.jet(point.weight, Vec2::new(dot(&row.dx, &local), dot(&row.dy, &local)), curvature);
                 total += jet.value;
                 for ((slope, dx), dy) in slope.iter_mut().zip(&row.dx).zip(&row.dy) {
                     *slope += jet.gradient.x * dx + jet.gradient.y * dy;

@@ -281,8 +281,16 @@ impl Reader<'_> {
     }
 
     fn fit(&mut self, node: &Node, at: &str) -> Option<FitOptions> {
-        let names =
-            ["weighting", "poses", "max_iterations", "tolerance", "eikonal_weight", "eikonal_scale", "smoothing", "model_sigma"];
+        let names = [
+            "weighting",
+            "poses",
+            "max_iterations",
+            "tolerance",
+            "eikonal_weight",
+            "eikonal_scale",
+            "smoothing",
+            "model_sigma",
+        ];
         self.object(node, at, &names)?;
         let weighting = self.optional(node, at, "weighting", |r, n, p| r.choice(n, p, &["paper", "calibrated"]));
         let poses = self.optional(node, at, "poses", |r, n, p| r.choice(n, p, &["fixed", "refined"]));

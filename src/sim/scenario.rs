@@ -52,7 +52,10 @@ impl Scenario {
 
     /// The T-shaped room from four poses.
     pub fn t_room() -> Self {
-        Self::like_experiment_one(World::t_room(), &[[4.4, 2.2, -1.5], [1.2, 6.9, -0.3], [7.9, 6.7, -2.8], [4.6, 6.0, 1.8]])
+        Self::like_experiment_one(
+            World::t_room(),
+            &[[4.4, 2.2, -1.5], [1.2, 6.9, -0.3], [7.9, 6.7, -2.8], [4.6, 6.0, 1.8]],
+        )
     }
 
     /// The hall with three pillars from five poses.

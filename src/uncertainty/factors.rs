@@ -81,7 +81,13 @@ impl Factors {
                 }
             }
         }
-        Ok(Self { hessian: fit.system.hessian.clone(), coupling, poses: fit.system.poses.clone(), gauge: fit.system.gauge.clone(), inputs })
+        Ok(Self {
+            hessian: fit.system.hessian.clone(),
+            coupling,
+            poses: fit.system.poses.clone(),
+            gauge: fit.system.gauge.clone(),
+            inputs,
+        })
     }
 
     /// Factors from their parts, which must fit each other.
@@ -264,7 +270,13 @@ impl Factors {
             self.coupling.column(column).for_each(|(row, value)| coupling[(row, column)] = value);
         }
         let gradient = vec![0.0; n + coupling.ncols()];
-        System { gradient, hessian: self.hessian.clone(), coupling, poses: self.poses.clone(), gauge: self.gauge.clone() }
+        System {
+            gradient,
+            hessian: self.hessian.clone(),
+            coupling,
+            poses: self.poses.clone(),
+            gauge: self.gauge.clone(),
+        }
     }
 }
 
