@@ -145,7 +145,9 @@ pub fn fit(
             objective.reweigh(stage.loss(loss), weights.smoothing * stage.smoothing, stage.refined && refined);
             unknowns.resize(objective.unknowns(), 0.0);
             let rule = stage.rule(spent.iterations, options.max_iterations);
-            spent = Newton::new(&objective, &mut cholesky, spent).minimise(&mut unknowns, &rule, observer)?;
+            let mut of_the_whole =
+                |progress: &Progress| observer(&Progress { max_iterations: options.max_iterations, ..*progress });
+            spent = Newton::new(&objective, &mut cholesky, spent).minimise(&mut unknowns, &rule, &mut of_the_whole)?;
         }
         objective.reweigh(loss, weights.smoothing, refined);
     }

@@ -83,3 +83,17 @@ fn a_map_without_returns_is_refused() {
         fit(&scenario.scans(0), &scenario.noise, &lattice, &FitOptions::default(), &mut |_| ControlFlow::Continue(()));
     assert!(matches!(outcome, Err(FitError::NoEvidence)));
 }
+
+#[test]
+fn steps_are_counted_through_all_stages_against_one_limit() {
+    let scenario = Scenario::experiment_one();
+    let lattice = Lattice::covering(&scenario.bounds, 0.4, 100_000).unwrap();
+    let mut seen = Vec::new();
+    let mut watch = |progress: &Progress| {
+        seen.push((progress.iteration, progress.max_iterations));
+        ControlFlow::Continue(())
+    };
+    let fit = fit(&scenario.scans(0), &scenario.noise, &lattice, &FitOptions::default(), &mut watch).unwrap();
+    assert!(seen.is_sorted() && seen.iter().all(|&(_, limit)| limit == 100));
+    assert_eq!(seen.last().unwrap().0, fit.minimum.iterations);
+}
