@@ -112,55 +112,23 @@ pub fn fit(
     let weights = Weights::resolve(options, lattice.resolution, refinable, information);
     let viewpoints = viewpoints(scans, noise, weights.model_sigma)?;
     let evidence = Evidence::gather(lattice, scans);
-    let stencil = Stencil::of(lattice);
-    let mut cholesky = Cholesky::analyse(&stencil)?;
-    let severity = continuation::severity(&returns, &viewpoints, lattice.resolution);
-    let blur = if options.weighting == Weighting::Paper { 0.0 } else { severity };
-    let start = signed_nearest_return(lattice, &returns, &evidence, blur, &mut cholesky)?;
+    let mut cholesky = Cholesky::analyse(&Stencil::of(lattice))?;
+    let calibrated = options.weighting == Weighting::Calibrated;
+    let severity = if calibrated { continuation::severity(&returns, &viewpoints, lattice.resolution) } else { 0.0 };
+    let start = signed_nearest_return(lattice, &returns, &evidence, severity, &mut cholesky)?;
     let weighing = match options.weighting {
         Weighting::Paper => Weighing::Frozen(sightings::published_weights(&returns, &viewpoints, &start)),
         Weighting::Calibrated => Weighing::Sampson,
     };
     let sightings = Sightings::new(lattice, returns, viewpoints, weighing);
     let loss = weights.eikonal_loss(options.weighting, lattice.resolution);
-    let eikonal_cells = match options.weighting {
-        Weighting::Paper => None,
-        Weighting::Calibrated => Some(evidence.cells_within(lattice, EIKONAL_BAND)),
-    };
-    let points = match options.weighting {
-        Weighting::Paper => 2,
-        Weighting::Calibrated => 3,
-    };
-    let mut objective =
-        Objective::new(lattice.clone(), stencil, sightings, loss, weights.smoothing, eikonal_cells, points);
+    let cells = calibrated.then(|| evidence.cells_within(lattice, EIKONAL_BAND));
+    let (stencil, points) = (cholesky.stencil().clone(), if calibrated { 3 } else { 2 });
+    let mut objective = Objective::new(lattice.clone(), stencil, sightings, loss, weights.smoothing, cells, points);
 
-    let refined = weights.poses == Poses::Refined;
     let mut unknowns = start.coefficients;
-    let mut spent = Minimum::default();
-    objective.reweigh(loss, weights.smoothing, refined);
-    unknowns.resize(objective.unknowns(), 0.0);
-    let first_gradient = largest(&objective.gradient(&unknowns));
-    if let Some(scale) = loss.scale.filter(|_| options.weighting == Weighting::Calibrated) {
-        for stage in continuation::stages(severity, scale) {
-            objective.reweigh(stage.loss(loss), weights.smoothing * stage.smoothing, stage.refined && refined);
-            unknowns.resize(objective.unknowns(), 0.0);
-            let rule = stage.rule(spent.iterations, options.max_iterations);
-            let mut of_the_whole =
-                |progress: &Progress| observer(&Progress { max_iterations: options.max_iterations, ..*progress });
-            spent = Newton::new(&objective, &mut cholesky, spent).minimise(&mut unknowns, &rule, &mut of_the_whole)?;
-        }
-        objective.reweigh(loss, weights.smoothing, refined);
-    }
-    let rule = StoppingRule {
-        max_iterations: options.max_iterations,
-        tolerance: options.tolerance,
-        first_gradient: Some(first_gradient),
-        certify: true,
-        chords: if options.weighting == Weighting::Paper { CHORDS } else { 0 },
-    };
-    let mut newton = Newton::new(&objective, &mut cholesky, spent);
-    let minimum = newton.minimise(&mut unknowns, &rule, observer)?;
-    let system = newton.system;
+    let mut descent = Descent { objective: &mut objective, cholesky: &mut cholesky, weights: &weights, options };
+    let (minimum, system) = descent.run(&mut unknowns, loss, severity, observer)?;
     let coefficients = unknowns[..lattice.len()].to_vec();
     let poses = corrected(scans, &objective, &unknowns[lattice.len()..]);
     Ok(Fit {
@@ -176,6 +144,53 @@ pub fn fit(
         cholesky,
         poses,
     })
+}
+
+/// The way from the start to the minimum: stages where the weighting is calibrated, then the final weights.
+struct Descent<'a> {
+    objective: &'a mut Objective,
+    cholesky: &'a mut Cholesky,
+    weights: &'a Weights,
+    options: &'a FitOptions,
+}
+
+impl Descent<'_> {
+    /// Minimises from the coefficients of the start; `unknowns` grow by the pose unknowns. Gradient and Hessian at the end are
+    /// given with the minimum.
+    fn run(
+        &mut self,
+        unknowns: &mut Vec<f64>,
+        loss: EikonalLoss,
+        severity: f64,
+        observer: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
+    ) -> Result<(Minimum, System), FitError> {
+        let (refined, smoothing) = (self.weights.poses == Poses::Refined, self.weights.smoothing);
+        let calibrated = self.options.weighting == Weighting::Calibrated;
+        self.objective.reweigh(loss, smoothing, refined);
+        unknowns.resize(self.objective.unknowns(), 0.0);
+        let first_gradient = largest(&self.objective.gradient(unknowns));
+        let mut spent = Minimum::default();
+        let stages = loss.scale.filter(|_| calibrated).map(|scale| continuation::stages(severity, scale));
+        for stage in stages.into_iter().flatten() {
+            self.objective.reweigh(stage.loss(loss), smoothing * stage.smoothing, stage.refined && refined);
+            unknowns.resize(self.objective.unknowns(), 0.0);
+            let rule = stage.rule(spent.iterations, self.options.max_iterations);
+            let limit = self.options.max_iterations;
+            let mut of_the_whole = |progress: &Progress| observer(&Progress { max_iterations: limit, ..*progress });
+            spent = Newton::new(self.objective, self.cholesky, spent).minimise(unknowns, &rule, &mut of_the_whole)?;
+        }
+        self.objective.reweigh(loss, smoothing, refined);
+        let rule = StoppingRule {
+            max_iterations: self.options.max_iterations,
+            tolerance: self.options.tolerance,
+            first_gradient: Some(first_gradient),
+            certify: true,
+            chords: if calibrated { 0 } else { CHORDS },
+        };
+        let mut newton = Newton::new(self.objective, self.cholesky, spent);
+        let minimum = newton.minimise(unknowns, &rule, observer)?;
+        Ok((minimum, newton.system))
+    }
 }
 
 /// How many times over the returns' ranges determine a cell of wall: returns an occupied cell x (h / sigma)^2.
