@@ -9,11 +9,11 @@
 //! ```
 //!
 //! That fills in what any scan saw; it is refused where that is too much. The *posterior* has the gauge's share besides
-//! ([`gauge`]): `W U U^T W^T`, `W = H^-1 K`.
+//! ([`gauge`]): `W U U^T W^T`, `W = H^-1 K`, which the eliminated form has inside `H'`.
 
 use std::collections::BTreeMap;
 
-use faer::linalg::solvers::Solve;
+use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 use nalgebra::Matrix3;
 
@@ -38,7 +38,14 @@ pub struct Factors {
     pub inputs: CompressedColumns,
 }
 
-/// Hessian and inputs on the control points alone.
+/// See [`Factors::common_motion`]: `m`, `V` on what scans saw, `T`.
+struct CommonMotion {
+    moved: Mat<f64>,
+    pull: Mat<f64>,
+    share: Mat<f64>,
+}
+
+/// Hessian and inputs on the control points alone: `propagated = H^-1 B B^T H^-1`, `posterior = 2 H^-1`.
 pub struct Reduced {
     pub hessian: CompressedColumns,
     pub inputs: CompressedColumns,
@@ -199,7 +206,9 @@ impl Factors {
         }
         // P^-1 K^T: the elimination of both, Hessian and inputs.
         let image = self.pose_block().llt(Side::Lower).ok()?.solve(coupling.transpose());
-        let lost = &coupling * &image;
+        let mut lost = &coupling * &image;
+        let common = self.common_motion(&seen, &coupling, &lost)?;
+        lost += &common.pull * &common.share * common.pull.transpose();
         let mut hessian = vec![BTreeMap::<usize, f64>::new(); n];
         for ((row, column), value) in self.hessian.stencil().entries().zip(&self.hessian.values) {
             hessian[column].insert(row, *value);
@@ -221,9 +230,43 @@ impl Factors {
                     *own.entry(row).or_default() -= image[(unknown - n, a)] * share;
                 }
             }
+            // m^T B', then B' - V T m^T B'.
+            let modes = common.pull.ncols();
+            let moved: Vec<f64> =
+                (0..modes).map(|k| own.iter().map(|(&row, value)| common.moved[(row, k)] * value).sum()).collect();
+            if modes > 0 {
+                for (a, &row) in seen.iter().enumerate() {
+                    let shared = (0..modes).flat_map(|k| (0..modes).map(move |l| (k, l)));
+                    let change: f64 = shared.map(|(k, l)| common.pull[(a, k)] * common.share[(k, l)] * moved[l]).sum();
+                    *own.entry(row).or_default() -= change;
+                }
+            }
             inputs.push(own);
         }
         Some(Reduced { hessian: columns, inputs })
+    }
+
+    /// The gauge's share of the posterior, `m m^T`, as a change of the eliminated Hessian `H'` (Woodbury):
+    /// `(H'^-1 + m m^T / 2)^-1 = H' - V T V^T` with `V = H' m`, `T = (2 I + m^T V)^-1`. `V` lives where scans saw something.
+    fn common_motion(&self, seen: &[usize], coupling: &Mat<f64>, lost: &Mat<f64>) -> Option<CommonMotion> {
+        let (n, modes) = (self.hessian.stencil().dimension(), self.gauge.ncols());
+        let mut moved = Mat::<f64>::zeros(n, modes);
+        if modes == 0 {
+            return Some(CommonMotion { moved, pull: Mat::zeros(seen.len(), 0), share: Mat::zeros(0, 0) });
+        }
+        let pushed = coupling * &self.gauge;
+        for (a, &row) in seen.iter().enumerate() {
+            (0..modes).for_each(|k| moved[(row, k)] = pushed[(a, k)]);
+        }
+        let mut cholesky = Cholesky::analyse(self.hessian.stencil()).ok()?;
+        cholesky.factorise(&self.hessian).ok()?;
+        cholesky.solve_block(moved.as_mut()).ok()?;
+        let on_seen = Mat::from_fn(seen.len(), modes, |a, k| moved[(seen[a], k)]);
+        let pull = pushed - lost * &on_seen;
+        let mut inner = on_seen.transpose() * &pull;
+        (0..modes).for_each(|k| inner[(k, k)] += 2.0);
+        let share = inner.partial_piv_lu().inverse();
+        Some(CommonMotion { moved, pull, share })
     }
 
     /// `P` whole.
