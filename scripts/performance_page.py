@@ -39,8 +39,18 @@ def shown(seconds):
     return "never" if math.isinf(seconds) else f"{seconds:.2f} s"
 
 
+def relative_gradient(file):
+    """The gradient at the end over the start's: mapfit's column, the ratio of Ceres's, SciPy's closing line."""
+    lines = open(file).read().splitlines()
+    closing = [line.split()[-1] for line in lines if line.startswith("# relative gradient")]
+    if closing:
+        return float(closing[0])
+    column = [float(line.split(",")[2]) for line in lines if line[0].isdigit()]
+    return column[-1] / column[0]
+
+
 def race():
-    lines = ["| lattice | solver | to 1 % of the best cost | final cost | steps | stationary |", "| --- | --- | --- | --- | --- | --- |"]
+    lines = ["| lattice | solver | to 1 % of the best cost | final cost | steps | relative gradient |", "| --- | --- | --- | --- | --- | --- |"]
     figure, axes = plt.subplots(1, 3, figsize=(13, 3.8))
     for axis, (world, label) in zip(axes, WORLDS.items()):
         runs = {}
@@ -53,9 +63,9 @@ def race():
         best = min(steps[-1][1] for own in runs.values() for steps, _ in own)
         for solver, own in runs.items():
             time = statistics.median(seconds_to(steps, 1.01 * best) for steps, _ in own)
-            steps, comments = own[0]
-            stationary = "yes" if solver == "mapfit" and any("definite true" in c for c in comments) else "no"
-            lines.append(f"| {label} | {NAMES[solver]} | {shown(time)} | {steps[-1][1]:.2f} | {len(steps) - 1} | {stationary} |")
+            steps, _ = own[0]
+            gradient = relative_gradient(f"{FOLDER}/{world}.{solver}.1.csv")
+            lines.append(f"| {label} | {NAMES[solver]} | {shown(time)} | {steps[-1][1]:.2f} | {len(steps) - 1} | {gradient:.0e} |")
             axis.semilogx(*zip(*[(max(s, 1e-3), c / best) for s, c in steps]), label=NAMES[solver])
         axis.axhline(1.01, color="grey", linewidth=0.6)
         axis.set(title=label + " control points", xlabel="seconds", ylabel="cost over the best", ylim=(0.98, 1.8))

@@ -73,12 +73,15 @@ def main():
     folder, method, seconds = sys.argv[1], sys.argv[2], float(sys.argv[3])
     problem = Problem(folder)
     print("seconds,cost,gradient")
+    lowest = [np.inf, problem.start]
     begun = time.perf_counter()
 
     def residuals(x):
         r = problem.residuals(x)
-        now = time.perf_counter() - begun
-        print(f"{now:.6f},{0.5 * r @ r:.9f},nan", flush=True)
+        now, cost = time.perf_counter() - begun, 0.5 * r @ r
+        print(f"{now:.6f},{cost:.9f},nan", flush=True)
+        if cost < lowest[0]:
+            lowest[:] = [cost, x.copy()]
         if now > seconds:
             raise OutOfTime
         return r
@@ -91,6 +94,8 @@ def main():
             levenberg_marquardt(problem, residuals)
     except OutOfTime:
         pass
+    gradient = lambda x: np.abs(problem.jacobian(x).T @ problem.residuals(x)).max()
+    print(f"# relative gradient {gradient(lowest[1]) / gradient(problem.start):.3e}")
 
 
 def levenberg_marquardt(problem, residuals):

@@ -70,12 +70,9 @@ impl System {
             let part = block * nalgebra::Vector3::new(e[3 * scan], e[3 * scan + 1], e[3 * scan + 2]);
             (0..3).for_each(|k| own[(3 * scan + k, 0)] += part[k]);
         }
-        let held = gauge::along(&self.gauge, e);
-        for (k, held) in held.iter().enumerate().take(self.gauge.ncols()) {
-            (0..e.len()).for_each(|row| own[(row, 0)] += 2.0 * gauge::STIFFNESS * self.gauge[(row, k)] * held);
-        }
         y.iter_mut().enumerate().for_each(|(k, y)| *y += shared[(k, 0)]);
         y.extend((0..e.len()).map(|k| own[(k, 0)]));
+        gauge::add_pull(&self.gauge, e, &mut y[c.len()..]);
         y
     }
 }
@@ -96,17 +93,14 @@ impl Bordered {
             return Ok(Self { w, schur: None });
         }
         cholesky.solve_block(w.as_mut())?;
-        let mut schur = Mat::zeros(w.ncols(), w.ncols());
+        let mut schur = gauge::spring(&system.gauge);
         for (scan, block) in system.poses.iter().enumerate() {
             for a in 0..3 {
                 for b in 0..3 {
-                    schur[(3 * scan + a, 3 * scan + b)] = block[(a, b)];
+                    schur[(3 * scan + a, 3 * scan + b)] += block[(a, b)];
                 }
             }
         }
-        let stiffness = 2.0 * gauge::STIFFNESS;
-        let modes = system.gauge.as_ref();
-        matmul(schur.as_mut(), Accum::Add, modes, modes.transpose(), stiffness, Par::Seq);
         matmul(schur.as_mut(), Accum::Add, system.coupling.transpose(), w.as_ref(), -1.0, Par::Seq);
         let schur = schur.llt(Side::Lower).map_err(|_| SparseError::NotPositiveDefinite)?;
         Ok(Self { w, schur: Some(schur) })

@@ -42,16 +42,11 @@ const WIDEST_SCALE: f64 = 4.0;
 const MOST_SMOOTHING: f64 = 100.0;
 
 /// How much graduation the returns' scatter asks for, in [0, 1]: the median standard deviation of a return, its pose's
-/// share included, over half a cell.
+/// share included, over half a cell. The viewpoints' poses are as reported.
 pub fn severity(returns: &[Return], viewpoints: &[Viewpoint], resolution: f64) -> f64 {
     let mut scatter: Vec<f64> = returns
         .iter()
-        .map(|seen| {
-            let viewpoint = &viewpoints[seen.scan];
-            let mut noise = viewpoint.noise;
-            noise.pose = Some(viewpoint.root * viewpoint.root.transpose());
-            noise.covariance(seen).symmetric_eigenvalues().max().max(0.0).sqrt()
-        })
+        .map(|seen| viewpoints[seen.scan].noise.covariance(seen).symmetric_eigenvalues().max().max(0.0).sqrt())
         .collect();
     let middle = scatter.len() / 2;
     let (_, median, _) = scatter.select_nth_unstable_by(middle, f64::total_cmp);

@@ -22,7 +22,7 @@ use nalgebra::{DMatrix, Matrix3};
 use super::sightings::Viewpoint;
 
 /// Stiff beside the information that scans hold about their poses, in units of the prior's; soft beside rounding.
-pub const STIFFNESS: f64 = 1e6;
+const STIFFNESS: f64 = 1e6;
 
 /// A root whose determinant is below this share of its norm's cube is singular.
 const SINGULAR: f64 = 1e-12;
@@ -47,12 +47,25 @@ pub fn common_motion(viewpoints: &[Viewpoint]) -> Mat<f64> {
 }
 
 /// `U^T e`.
-pub fn along(gauge: &Mat<f64>, e: &[f64]) -> [f64; 3] {
-    let mut sums = [0.0; 3];
-    for (k, sum) in sums.iter_mut().enumerate().take(gauge.ncols()) {
-        *sum = e.iter().enumerate().map(|(row, e)| gauge[(row, k)] * e).sum();
+fn along(gauge: &Mat<f64>, e: &[f64]) -> Vec<f64> {
+    (0..gauge.ncols()).map(|k| e.iter().enumerate().map(|(row, e)| gauge[(row, k)] * e).sum()).collect()
+}
+
+/// What the spring costs: `kappa |U^T e|^2`.
+pub fn energy(gauge: &Mat<f64>, e: &[f64]) -> f64 {
+    STIFFNESS * along(gauge, e).iter().map(|v| v * v).sum::<f64>()
+}
+
+/// Adds the spring's gradient, `2 kappa U U^T e`, which is its Hessian's product with `e`, too.
+pub fn add_pull(gauge: &Mat<f64>, e: &[f64], into: &mut [f64]) {
+    for (k, held) in along(gauge, e).into_iter().enumerate() {
+        into.iter_mut().enumerate().for_each(|(row, into)| *into += 2.0 * STIFFNESS * held * gauge[(row, k)]);
     }
-    sums
+}
+
+/// The spring's Hessian, `2 kappa U U^T`; zero where there is no gauge.
+pub fn spring(gauge: &Mat<f64>) -> Mat<f64> {
+    (gauge * gauge.transpose()) * faer::Scale(2.0 * STIFFNESS)
 }
 
 #[cfg(test)]

@@ -32,8 +32,6 @@ pub use options::{FitOptions, Poses, Weighting, Weights};
 pub use sightings::{Placed, Sighting, Sightings, Viewpoint, Weighing};
 pub use start::signed_nearest_return;
 
-use newton::largest;
-
 use crate::geometry::{Cov3, Pose, psd_square_root};
 use crate::scan::{Evidence, LaserScan, Noise, Return, ReturnNoise, returns_of};
 use crate::sparse::{Cholesky, SparseError, Stencil};
@@ -168,7 +166,7 @@ impl Descent<'_> {
         let calibrated = self.options.weighting == Weighting::Calibrated;
         self.objective.reweigh(loss, smoothing, refined);
         unknowns.resize(self.objective.unknowns(), 0.0);
-        let first_gradient = largest(&self.objective.gradient(unknowns));
+        let first_gradient = newton::largest(&self.objective.gradient(unknowns));
         let mut spent = Minimum::default();
         let stages = loss.scale.filter(|_| calibrated).map(|scale| continuation::stages(severity, scale));
         for stage in stages.into_iter().flatten() {

@@ -56,7 +56,9 @@ const CONVEX_FROM: f64 = 1e3;
 const RAISE: f64 = 4.0;
 const LOWER: f64 = 0.1;
 const FORGET: f64 = 0.5;
-/// A chord's step must promise less than the one before, and keep this share of its promise.
+/// A chord's step may promise this many times what the one before did, and must keep this share of it: else the factor no longer
+/// tells what lies ahead.
+const CHORD_GROWTH: f64 = 4.0;
 const CHORD_GAIN: f64 = 0.1;
 /// A step shorter than this share of the Newton step is given up, and damping raised instead.
 const SHORTEST_STEP: f64 = 1e-4;
@@ -162,14 +164,15 @@ impl<'a> Newton<'a> {
     }
 
     /// Further steps with the factor at hand (Shamanskii's: a chord's slope in place of the tangent's), as long as they pay: a
-    /// gradient and a solve cost a fraction of a Hessian and its factor. `slope` is that of the step before.
+    /// gradient and a solve cost a fraction of a Hessian and its factor. `slope` is that of the step before. The solves go
+    /// unchecked: only a step that lowers the objective is taken.
     fn chords(&mut self, unknowns: &mut [f64], factor: &Bordered, most: usize, mut slope: f64) {
         for _ in 0..most {
             let mut step: Vec<f64> = self.objective.gradient(unknowns).iter().map(|g| -g).collect();
             let downhill = step.clone();
             factor.solve(self.cholesky, &mut step);
             let own = -dot(&downhill, &step);
-            if !(own < 0.0 && own > slope * 4.0) {
+            if !(own < 0.0 && own > CHORD_GROWTH * slope) {
                 return;
             }
             let here = self.objective.value(unknowns);

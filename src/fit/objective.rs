@@ -1,7 +1,7 @@
 //! The objective of a signed-distance fit, its gradient and its Hessian.
 //!
 //! ```text
-//! f(c, e) = sum over quadrature points  w_e rho(|grad u|^2 - 1)        2 x 2 Gauss points a cell
+//! f(c, e) = sum over quadrature points  w_e rho(|grad u|^2 - 1)        2 x 2 (published) or 3 x 3 Gauss points a cell
 //!         + integral of  lambda (u_xx^2 + 2 u_xy^2 + u_yy^2)          thin-plate energy
 //!         + sum over returns  u(X)^2 / (g^T C g)   or   rho_o u(X)^2
 //!         + |e|^2 + kappa |U^T e|^2                                   the poses' prior and gauge, where they are refined
@@ -71,8 +71,8 @@ pub struct Objective {
 }
 
 impl Objective {
-    /// `smoothing` is the thin-plate weight `lambda`; `eikonal_cells` says, a cell each, where the Eikonal term holds; `points` Gauss points a
-    /// side (2 to 4) integrate it.
+    /// `smoothing` is the thin-plate weight `lambda`; `eikonal_cells` says, a cell each, where the Eikonal term holds;
+    /// `points` Gauss points a side (2 to 4) integrate it.
     pub fn new(
         lattice: Lattice,
         stencil: Arc<Stencil>,
@@ -192,18 +192,13 @@ impl Objective {
             *gradient += 2.0 * e;
         }
         system.poses.iter_mut().for_each(|block| *block += Matrix3::identity() * 2.0);
-        let modes = &self.sightings.gauge;
-        for (k, held) in gauge::along(modes, e).iter().enumerate().take(modes.ncols()) {
-            let pull = 2.0 * gauge::STIFFNESS * held;
-            (0..e.len()).for_each(|row| system.gradient[c.len() + row] += pull * modes[(row, k)]);
-        }
+        gauge::add_pull(&self.sightings.gauge, e, &mut system.gradient[c.len()..]);
         surface + sightings + self.prior(e)
     }
 
     /// What the pose unknowns cost by themselves: their prior, and the gauge's spring.
     fn prior(&self, e: &[f64]) -> f64 {
-        let held: f64 = gauge::along(&self.sightings.gauge, e).iter().map(|v| v * v).sum();
-        e.iter().map(|e| e * e).sum::<f64>() + gauge::STIFFNESS * held
+        e.iter().map(|e| e * e).sum::<f64>() + gauge::energy(&self.sightings.gauge, e)
     }
 
     fn assemble_surface(&self, c: &[f64], curvature: Curvature, system: &mut System) -> f64 {

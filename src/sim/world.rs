@@ -1,6 +1,6 @@
 //! A room bounded by a polygon, with polygonal pillars in it.
 
-use crate::geometry::{Bounds, Vec2, distance_to_segment, nearest_on_segment};
+use crate::geometry::{Bounds, Vec2, nearest_on_segment};
 
 /// Free space inside `outline` and outside every pillar. The corners' orientation does not matter.
 #[derive(Debug, Clone, PartialEq)]
@@ -83,7 +83,7 @@ impl World {
 
     /// The distance to the nearest wall, negative in free space.
     pub fn signed_distance(&self, p: Vec2) -> f64 {
-        let distance = self.walls().map(|(a, b)| distance_to_segment(p, a, b)).fold(f64::INFINITY, f64::min);
+        let distance = (self.nearest(p) - p).norm();
         if self.is_free(p) { -distance } else { distance }
     }
 

@@ -126,7 +126,7 @@ fn eliminate_derivative<'a>(
                 panels.extend_add(s, &mut g22, child, update.as_ref());
             }
         }
-        panels.mirror_pivot(s);
+        mirror(panels.blocks_mut(s).0);
         let Some(&first_below) = symbolic.supernode(s).pattern().first() else { continue };
         let pivot = Pivot::of(factor, s);
         let (g11, g21) = panels.blocks(s);
@@ -249,11 +249,6 @@ impl<'a> Panels<'a> {
                 }
             }
         }
-    }
-
-    /// Copies a pivot block's lower triangle to its upper.
-    fn mirror_pivot(&mut self, s: usize) {
-        mirror(self.blocks_mut(s).0);
     }
 
     fn scatter(&mut self, g: &StencilMatrix, inverse: &[usize]) {

@@ -133,10 +133,7 @@ impl Factors {
             (0..width).for_each(|k| x[(points[first + k], k)] = 1.0);
             border.solve_block(&cholesky, x.as_mut())?;
             let scale = match kind {
-                Kind::Posterior => {
-                    self.add_common_motion(&border, points, first..first + width, &mut result);
-                    2.0
-                }
+                Kind::Posterior => 2.0,
                 Kind::Propagated => {
                     self.times_input_covariance(&mut x);
                     border.solve_block(&cholesky, x.as_mut())?;
@@ -145,32 +142,18 @@ impl Factors {
             };
             for k in 0..width {
                 for (row, &point) in points.iter().enumerate() {
-                    result[row * m + first + k] += scale * x[(point, k)];
+                    result[row * m + first + k] = scale * x[(point, k)];
                 }
             }
         }
+        if kind == Kind::Posterior {
+            let moved = &border.w * &self.gauge;
+            let on_points = Mat::from_fn(m, self.gauge.ncols(), |k, mode| moved[(points[k], mode)]);
+            let shared = &on_points * on_points.transpose();
+            (0..m * m).for_each(|k| result[k] += shared[(k / m, k % m)]);
+        }
         symmetrise(&mut result, m);
         Ok(result)
-    }
-
-    /// Adds the posterior's share of the gauge, `W U U^T W^T`, in some columns.
-    fn add_common_motion(
-        &self,
-        border: &Bordered,
-        points: &[usize],
-        columns: std::ops::Range<usize>,
-        result: &mut [f64],
-    ) {
-        if self.gauge.ncols() == 0 {
-            return;
-        }
-        let moved = &border.w * &self.gauge;
-        for column in columns {
-            for (row, &point) in points.iter().enumerate() {
-                let shared = (0..moved.ncols()).map(|k| moved[(point, k)] * moved[(points[column], k)]);
-                result[row * points.len() + column] += shared.sum::<f64>();
-            }
-        }
     }
 
     /// Replaces every column by `B B^T` times it.
@@ -230,16 +213,14 @@ impl Factors {
                     *own.entry(row).or_default() -= image[(unknown - n, a)] * share;
                 }
             }
-            // m^T B', then B' - V T m^T B'.
-            let modes = common.pull.ncols();
-            let moved: Vec<f64> =
-                (0..modes).map(|k| own.iter().map(|(&row, value)| common.moved[(row, k)] * value).sum()).collect();
-            if modes > 0 {
-                for (a, &row) in seen.iter().enumerate() {
-                    let shared = (0..modes).flat_map(|k| (0..modes).map(move |l| (k, l)));
-                    let change: f64 = shared.map(|(k, l)| common.pull[(a, k)] * common.share[(k, l)] * moved[l]).sum();
-                    *own.entry(row).or_default() -= change;
-                }
+            // B' - V T m^T B'
+            let mut moved = Mat::<f64>::zeros(common.moved.ncols(), 1);
+            for (&row, value) in &own {
+                (0..moved.nrows()).for_each(|mode| moved[(mode, 0)] += common.moved[(row, mode)] * value);
+            }
+            let change = &common.pull * (&common.share * moved);
+            if common.pull.ncols() > 0 {
+                seen.iter().enumerate().for_each(|(a, &row)| *own.entry(row).or_default() -= change[(a, 0)]);
             }
             inputs.push(own);
         }
@@ -271,13 +252,9 @@ impl Factors {
 
     /// `P` whole.
     fn pose_block(&self) -> Mat<f64> {
-        let unknowns = self.coupling.columns();
-        let mut block = Mat::zeros(unknowns, unknowns);
-        for (scan, own) in self.poses.iter().enumerate().take(unknowns / 3) {
-            (0..9).for_each(|k| block[(3 * scan + k / 3, 3 * scan + k % 3)] = own[(k / 3, k % 3)]);
-        }
-        if self.gauge.ncols() > 0 {
-            block += (&self.gauge * self.gauge.transpose()) * faer::Scale(2.0 * gauge::STIFFNESS);
+        let mut block = gauge::spring(&self.gauge);
+        for (scan, own) in self.poses.iter().enumerate() {
+            (0..9).for_each(|k| block[(3 * scan + k / 3, 3 * scan + k % 3)] += own[(k / 3, k % 3)]);
         }
         block
     }

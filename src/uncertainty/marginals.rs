@@ -159,8 +159,7 @@ fn add_refined_poses(
 
 /// `S^-1 (2 I + 2 kappa U U^T)`: what a change of the reported poses leaves of itself in the refined ones.
 fn pose_image(s_inverse: &Mat<f64>, modes: &Mat<f64>) -> Mat<f64> {
-    let along = (s_inverse * modes) * modes.transpose();
-    s_inverse * faer::Scale(2.0) + along * faer::Scale(2.0 * gauge::STIFFNESS)
+    s_inverse * faer::Scale(2.0) + s_inverse * gauge::spring(modes)
 }
 
 /// Adds the entries of `scale (A B^T + B A^T)` that are on the stencil.

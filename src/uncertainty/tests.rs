@@ -37,7 +37,7 @@ fn dense(factors: &Factors) -> (Mat<f64>, Mat<f64>) {
             m[(n + 3 * scan + a, n + column)] = factors.poses[scan][(a, column % 3)];
         }
     }
-    let spring = (&factors.gauge * factors.gauge.transpose()) * faer::Scale(2.0 * gauge::STIFFNESS);
+    let spring = gauge::spring(&factors.gauge);
     (0..spring.nrows()).for_each(|a| (0..spring.ncols()).for_each(|b| m[(n + a, n + b)] += spring[(a, b)]));
     let mut b = Mat::zeros(n + p, factors.inputs.columns());
     for column in 0..b.ncols() {
@@ -108,10 +108,18 @@ fn the_published_objective_agrees_with_a_dense_reference() {
     check_against_dense(FitOptions { weighting: Weighting::Paper, tolerance: 1e-10, ..Default::default() });
 }
 
+/// The common motion free, poses fixed, and one pose exactly known, which ties the frame down.
 #[test]
 fn eliminating_the_poses_leaves_both_covariances_as_they_are() {
-    let mut fit = fitted(&Scenario::experiment_one().scans(2), &options(Poses::Refined));
-    let factors = Factors::of(&mut fit).unwrap();
+    let scans = Scenario::experiment_one().scans(2);
+    let mut known = scans.clone();
+    known[0].pose_covariance = Some(crate::geometry::Cov3::zeros());
+    for (scans, poses) in [(&scans, Poses::Refined), (&scans, Poses::Fixed), (&known, Poses::Refined)] {
+        check_elimination(&Factors::of(&mut fitted(scans, &options(poses))).unwrap());
+    }
+}
+
+fn check_elimination(factors: &Factors) {
     let reduced = factors.reduced(usize::MAX).unwrap();
     let full = |columns: &CompressedColumns| {
         let mut matrix = Mat::<f64>::zeros(columns.rows, columns.columns());
