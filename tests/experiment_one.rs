@@ -31,13 +31,13 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 fn boundary_rms(scenario: &Scenario, map: &FittedMap) -> f64 {
-    rms(scenario.seen_boundary(0.05).into_iter().map(|p| map.surface.value(p).unwrap()))
+    rms(scenario.seen_boundary(0.05).into_iter().map(|p| map.field.value(p).unwrap()))
 }
 
 fn inside_rmse(scenario: &Scenario, map: &FittedMap) -> f64 {
     let points = (0..160 * 160).map(|k| Vec2::new(0.025 + 0.05 * (k % 160) as f64, 0.025 + 0.05 * (k / 160) as f64));
     let inside = points.filter(|&p| scenario.world.is_free(p));
-    rms(inside.map(|p| map.surface.value(p).unwrap() - scenario.world.signed_distance(p)))
+    rms(inside.map(|p| map.field.value(p).unwrap() - scenario.world.signed_distance(p)))
 }
 
 /// The share of the zero contour's length within a distance of the true boundary.

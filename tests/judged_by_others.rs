@@ -26,8 +26,9 @@ fn scipy_reads_the_arrays_and_finds_them_consistent() {
     let data = tempfile::tempdir().unwrap();
     let files = tempfile::tempdir().unwrap();
     let server = Server::start(data.path(), 1);
-    for poses in ["refined", "fixed"] {
+    for (distance, poses) in [("sdf", "refined"), ("sdf", "fixed"), ("vdf", "refined"), ("vdf", "fixed")] {
         let mut request = small(3);
+        request["map"]["distance"] = json!(distance);
         request["fit"] = json!({"poses": poses});
         let own = format!("/v1/maps/{}", server.map_of(&request));
         let save = |name: &str, path: &str| {
@@ -43,11 +44,9 @@ fn scipy_reads_the_arrays_and_finds_them_consistent() {
             save(&format!("{kind}-sparse.npz"), &format!("covariance?kind={kind}&form=sparse"));
             save(&format!("{kind}-full.npz"), &format!("covariance?kind={kind}&form=full"));
         }
-        let points = json!([[0.1, 3.0], [2.3, 2.2], [7.9, 0.3], [6.0, 6.5], [4.05, 4.1]]);
+        let points = json!([[0.1, 3.0], [2.3, 2.2], [7.9, 0.3], [1.5, 6.5], [4.05, 4.1]]);
         let ask = |kind: &str| server.post(&format!("{own}/query"), &json!({"points": points, "kind": kind})).json();
-        let (propagated, posterior) = (ask("propagated"), ask("posterior"));
-        let query = json!({"points": points, "distance": propagated["distance"],
-            "sigma_propagated": propagated["sigma"], "sigma_posterior": posterior["sigma"]});
+        let query = json!({"points": points, "propagated": ask("propagated"), "posterior": ask("posterior")});
         std::fs::write(files.path().join("query.json"), query.to_string()).unwrap();
         let lattice = server.get(&own).json()["lattice"]["control_points"].clone();
         judge("arrays.py", &[files.path().to_str().unwrap(), &lattice[0].to_string(), &lattice[1].to_string()]);

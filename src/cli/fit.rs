@@ -59,9 +59,9 @@ impl FitCommand {
 /// A map's files: arrays, contour, OGM, pictures.
 fn write_map(out: &Path, map: &FittedMap, name: &str) -> Result<(), CliError> {
     write(out, "map.npz", &map.to_npz()?)?;
-    let coefficients = on_lattice_npz(map.lattice(), &[("sdf", &map.surface.coefficients)]);
+    let coefficients = on_lattice_npz(map.lattice(), &map.field.coefficients());
     write(out, "coefficients.npz", &coefficients.map_err(ArchiveError::from)?)?;
-    let covariance = scipy_sparse(map.marginals.of(Kind::Propagated));
+    let covariance = scipy_sparse(&map.field, Kind::Propagated);
     write(out, "covariance.npz", &covariance.map_err(ArchiveError::from)?)?;
     let report = serde_json::to_string_pretty(&json!({"lattice": map.lattice(), "fit": map.report}));
     let report = report.map_err(|error| CliError::Server(error.to_string()))?;

@@ -28,6 +28,9 @@ pub struct Submit {
 /// How a log becomes a job. A job file says all this itself.
 #[derive(Debug, Args)]
 struct LogOptions {
+    /// sdf: signed, for rooms with an inside; vdf: the vector from the nearest surface, for thin walls (logs).
+    #[arg(long, env = "MAPFIT_DISTANCE", default_value = "sdf", value_parser = ["sdf", "vdf"])]
+    distance: String,
     /// The spacing of control points, metres (logs).
     #[arg(long, env = "MAPFIT_RESOLUTION", default_value_t = 0.25)]
     resolution: f64,
@@ -102,7 +105,8 @@ impl LogOptions {
             sigma_theta: self.sigma_theta,
             sigma_range: self.sigma_range,
         };
-        Ok(to_request(&scans, &noise, Some(stem.trim_end_matches(".log")), self.resolution).to_string().into_bytes())
+        let map = (self.distance.as_str(), self.resolution);
+        Ok(to_request(&scans, &noise, Some(stem.trim_end_matches(".log")), map).to_string().into_bytes())
     }
 }
 

@@ -6,10 +6,12 @@
 //! ```
 //!
 //! `H` is sparse on the lattice, `P` has a 3 x 3 block a scan, `K` is three columns a scan. Eliminating the lattice first
-//! keeps its sparse factor; eliminating poses first would couple all control points a scan sees.
+//! keeps its sparse factor; eliminating poses first would couple all control points a scan sees. A vector field has two
+//! components with one `H`, stacked: `c`, `K` and `W` then have twice the rows, and `H` stands for `diag(H, H)`.
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::{Llt, Solve};
+use faer::reborrow::ReborrowMut;
 use faer::{Accum, Mat, MatMut, Par, Side};
 use nalgebra::Matrix3;
 
@@ -22,10 +24,11 @@ use crate::spline::SUPPORT;
 /// Gradient and Hessian of an objective with bordering pose unknowns (none where poses are fixed).
 #[derive(Debug, Clone)]
 pub struct System {
-    /// By control points, then by pose unknowns.
+    /// By coefficients, then by pose unknowns.
     pub gradient: Vec<f64>,
+    /// The Hessian of each component.
     pub hessian: StencilMatrix,
-    /// `K`: control points x pose unknowns.
+    /// `K`: coefficients (of all components) x pose unknowns.
     pub coupling: Mat<f64>,
     /// `P`, block by block, without the gauge's share.
     pub poses: Vec<Matrix3<f64>>,
@@ -61,7 +64,8 @@ impl System {
     /// The Hessian's product with a vector of unknowns.
     pub fn times(&self, x: &[f64]) -> Vec<f64> {
         let (c, e) = x.split_at(self.coupling.nrows());
-        let mut y = self.hessian.times(c);
+        let mut y: Vec<f64> =
+            c.chunks(self.hessian.stencil().dimension()).flat_map(|own| self.hessian.times(own)).collect();
         let e_column = Mat::from_fn(e.len(), 1, |k, _| e[k]);
         let c_column = Mat::from_fn(c.len(), 1, |k, _| c[k]);
         let shared = &self.coupling * &e_column;
@@ -92,7 +96,7 @@ impl Bordered {
         if w.ncols() == 0 {
             return Ok(Self { w, schur: None });
         }
-        cholesky.solve_block(w.as_mut())?;
+        solve_components(cholesky, w.as_mut())?;
         let mut schur = gauge::spring(&system.gauge);
         for (scan, block) in system.poses.iter().enumerate() {
             for a in 0..3 {
@@ -115,11 +119,11 @@ impl Bordered {
             matmul(reduced.as_mut(), Accum::Add, self.w.transpose(), b_c.as_ref(), -1.0, Par::Seq);
             schur.solve_in_place(reduced.as_mut());
             (0..e.len()).for_each(|k| e[k] = reduced[(k, 0)]);
-            cholesky.solve(c);
+            c.chunks_mut(cholesky.dimension()).for_each(|own| cholesky.solve(own));
             let column = MatMut::from_column_major_slice_mut(c, self.w.nrows(), 1);
             matmul(column, Accum::Add, self.w.as_ref(), reduced.as_ref(), -1.0, Par::Seq);
         } else {
-            cholesky.solve(c);
+            c.chunks_mut(cholesky.dimension()).for_each(|own| cholesky.solve(own));
         }
     }
 
@@ -130,7 +134,7 @@ impl Bordered {
             matmul(e.as_mut(), Accum::Add, self.w.transpose(), c.as_ref(), -1.0, Par::Seq);
             schur.solve_in_place(e.as_mut());
         }
-        cholesky.solve_block(c.as_mut())?;
+        solve_components(cholesky, c.as_mut())?;
         matmul(c, Accum::Add, self.w.as_ref(), e.as_ref(), -1.0, Par::Seq);
         Ok(())
     }
@@ -155,4 +159,10 @@ impl Bordered {
         let residual = if scale > 0.0 { error / scale } else { error };
         if residual <= crate::sparse::LARGEST_RESIDUAL { Ok(x) } else { Err(SparseError::Residual { residual }) }
     }
+}
+
+/// Solves `H X = B` in place for every component of stacked right-hand sides; unchecked.
+pub(crate) fn solve_components(cholesky: &Cholesky, mut rhs: MatMut<'_, f64>) -> Result<(), SparseError> {
+    let n = cholesky.dimension();
+    (0..rhs.nrows() / n).try_for_each(|k| cholesky.solve_block(rhs.rb_mut().subrows_mut(k * n, n)))
 }

@@ -16,11 +16,13 @@ mod options;
 mod sampson;
 mod sightings;
 mod start;
+mod vector;
 
 use std::ops::ControlFlow;
 
 use thiserror::Error;
 
+pub(crate) use bordered::solve_components;
 pub use bordered::{Bordered, System};
 pub use chain::{InputJet, by_inputs};
 pub use eikonal::EikonalLoss;
@@ -31,6 +33,7 @@ pub(crate) use objective::local_jet;
 pub use options::{FitOptions, Poses, Weighting, Weights};
 pub use sightings::{Placed, Sighting, Sightings, Viewpoint, Weighing};
 pub use start::signed_nearest_return;
+pub use vector::{Surfel, Surfels, VectorFit, VectorObjective, Witness, fit_vector};
 
 use crate::geometry::{Cov3, Pose, psd_square_root};
 use crate::scan::{Evidence, LaserScan, Noise, Return, ReturnNoise, returns_of};

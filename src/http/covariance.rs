@@ -19,7 +19,7 @@ use crate::uncertainty::{Factors, Kind};
 
 /// Control points in a `block` at most.
 const LARGEST_BLOCK: usize = 1024;
-/// Control points of a map whose `full` covariance is given: 128 MB.
+/// Coefficients of a map whose `full` covariance is given: 128 MB.
 const LARGEST_FULL: usize = 4_000;
 /// Entries of eliminated factors at most; larger maps get the bordered form.
 const LARGEST_REDUCED: usize = 12_000_000;
@@ -71,9 +71,10 @@ pub async fn covariance(mut request: MapRequest) -> Result<Response, Problem> {
     ];
     let form = params.choice("form", &forms);
     let window = (form == Form::Block).then(|| window(params, lattice)).flatten();
-    if form == Form::Full && lattice.len() > LARGEST_FULL {
-        let points = lattice.len();
-        params.fault("form", format!("full is for {LARGEST_FULL} control points at most; this map has {points}"));
+    let components = if request.record.distance == "vdf" { 2 } else { 1 };
+    let coefficients = components * lattice.len();
+    if form == Form::Full && coefficients > LARGEST_FULL {
+        params.fault("form", format!("full is for {LARGEST_FULL} coefficients at most; this map has {coefficients}"));
     }
     let offered: &[Format] = if matches!(form, Form::Diagonal | Form::Block) { &[JSON, NPZ] } else { &[NPZ] };
     let wanted = match request.settle(offered)? {
@@ -81,13 +82,15 @@ pub async fn covariance(mut request: MapRequest) -> Result<Response, Problem> {
         Settled::Wanted(wanted) => wanted,
     };
     let format = wanted.format;
-    let points = match (form, window) {
+    let one: Vec<usize> = match (form, window) {
         (Form::Diagonal, _) => return wanted.from_map(move |map, _, format| diagonal(map, kind, format)).await,
-        (Form::Sparse, _) => return wanted.from_map(move |map, _, _| Ok(scipy_sparse(map.marginals.of(kind))?)).await,
+        (Form::Sparse, _) => return wanted.from_map(move |map, _, _| Ok(scipy_sparse(&map.field, kind)?)).await,
         (Form::Block, Some(window)) => points_of(&wanted.record.lattice, &window),
         (Form::Full, _) => (0..wanted.record.lattice.len()).collect(),
         _ => Vec::new(),
     };
+    let n = wanted.record.lattice.len();
+    let points: Vec<usize> = (0..components).flat_map(|k| one.iter().map(move |point| k * n + point)).collect();
     let bytes = wanted.state.workshop.artifacts.get(&wanted.record.prefix, "factors.npz").await?;
     let make = move || {
         let factors = factors_from_npz(&bytes)?;
@@ -130,11 +133,14 @@ fn points_of(lattice: &Lattice, window: &Window) -> Vec<usize> {
 }
 
 fn diagonal(map: &FittedMap, kind: Kind, format: Format) -> Result<Vec<u8>, Problem> {
-    let variances = map.marginals.of(kind).diagonal();
+    let variances = map.field.variances(kind);
     if format == NPZ {
-        return Ok(on_lattice_npz(map.lattice(), &[("sdf", &variances)])?);
+        let arrays: Vec<(&str, &[f64])> = variances.iter().map(|(name, values)| (*name, &values[..])).collect();
+        return Ok(on_lattice_npz(map.lattice(), &arrays)?);
     }
-    to_json(&json!({"kind": kind, "form": "diagonal", "lattice": lattice_json(map.lattice()), "sdf": variances}))
+    let mut body = json!({"kind": kind, "form": "diagonal", "lattice": lattice_json(map.lattice())});
+    variances.into_iter().for_each(|(name, values)| body[name] = json!(values));
+    to_json(&body)
 }
 
 fn dense(
@@ -145,7 +151,10 @@ fn dense(
     format: Format,
 ) -> Result<Vec<u8>, Problem> {
     let n = points.len();
-    let matrix = factors.block(kind, points)?;
+    let mut matrix = factors.block(kind, points)?;
+    let stencil = factors.hessian.stencil();
+    let unused = |k: usize| !stencil.is_active(points[k] % stencil.dimension());
+    (0..n * n).filter(|k| unused(k / n) || unused(k % n)).for_each(|k| matrix[k] = f64::NAN);
     if format == NPZ {
         let mut npz = NpzWriter::default();
         npz.array("matrix", &[n, n], &matrix)?;

@@ -39,7 +39,7 @@ pub struct MapBody {
     pub labels: BTreeMap<String, String>,
     #[schema(format = "date-time")]
     pub created: Option<String>,
-    /// `sdf`
+    /// `sdf` or `vdf`
     pub distance: String,
     pub frame_id: &'static str,
     #[schema(value_type = LatticeBody)]
@@ -152,17 +152,20 @@ pub async fn delete(State(state): State<AppState>, Path(id): Path<String>) -> Re
 /// A map's coefficients, x fastest.
 #[utoipa::path(get, path = "/v1/maps/{id}/coefficients", tag = "maps",
     params(("id" = String, Path), ("format" = Option<String>, Query, description = "json or npz")),
-    responses((status = 200, description = "`{lattice, sdf}`; or npz with `sdf` of shape (ny+3, nx+3), `origin`, `resolution`",
+    responses((status = 200, description = "`{lattice, sdf}` or `{lattice, vdf_x, vdf_y}`; or npz with those of shape (ny+3, nx+3), \
+            `origin`, `resolution`. Null (NaN) where a control point is not in use",
             content((super::openapi::CoefficientsBody = "application/json"), (Vec<u8> = "application/x-npz"))),
         (status = 304, description = "unchanged"),
         (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn coefficients(request: MapRequest) -> Result<Response, Problem> {
     let make = |map: &FittedMap, _: &MapRecord, format| {
-        let (lattice, sdf) = (map.lattice(), &map.surface.coefficients);
+        let (lattice, arrays) = (map.lattice(), map.field.coefficients());
         if format == NPZ {
-            return Ok(on_lattice_npz(lattice, &[("sdf", sdf)])?);
+            return Ok(on_lattice_npz(lattice, &arrays)?);
         }
-        to_json(&json!({"lattice": lattice_json(lattice), "sdf": sdf}))
+        let mut body = json!({"lattice": lattice_json(lattice)});
+        arrays.into_iter().for_each(|(name, values)| body[name] = json!(values));
+        to_json(&body)
     };
     request.answer(&[JSON, NPZ], make).await
 }

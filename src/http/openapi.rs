@@ -74,7 +74,7 @@ pub struct NoiseBody {
 #[schema(as = MapRequest)]
 #[allow(dead_code)]
 pub struct MapRequestBody {
-    /// `sdf`; `vdf` is in the contract but not in this version
+    /// `sdf` (signed, negative in free space) or `vdf` (the vector from the nearest surface point)
     distance: String,
     /// The spacing of control points, metres.
     #[schema(exclusive_minimum = 0.0)]
@@ -153,7 +153,11 @@ pub struct FitBody {
 #[allow(dead_code)]
 pub struct CoefficientsBody {
     lattice: LatticeBody,
-    sdf: Vec<f64>,
+    /// Of a signed map.
+    sdf: Option<Vec<f64>>,
+    /// Of a vector map; null where a control point is not in use.
+    vdf_x: Option<Vec<Option<f64>>>,
+    vdf_y: Option<Vec<Option<f64>>>,
 }
 
 /// Variances of the coefficients, x fastest, square metres.
@@ -163,7 +167,11 @@ pub struct CoefficientsBody {
 pub struct DiagonalBody {
     kind: String,
     lattice: LatticeBody,
-    sdf: Vec<f64>,
+    /// Of a signed map.
+    sdf: Option<Vec<f64>>,
+    /// Of a vector map; null where a control point is not in use.
+    vdf_x: Option<Vec<Option<f64>>>,
+    vdf_y: Option<Vec<Option<f64>>>,
 }
 
 /// The poses of a map's scans.

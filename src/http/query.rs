@@ -13,18 +13,19 @@ use super::problem::Problem;
 use crate::geometry::Vec2;
 use crate::jobs::Fault;
 use crate::jobs::document::Node;
-use crate::map::FittedMap;
+use crate::map::{Field, FittedMap};
 use crate::uncertainty::Kind;
 
 /// Points in one query at most.
 const MOST_POINTS: usize = 250_000;
 const MOST_FAULTS: usize = 100;
 
-/// Arrays in the order of the points; a point outside the lattice has nulls.
+/// Arrays in the order of the points; a point outside the lattice has nulls, and one where no control points are in use has
+/// nothing but `observed`.
 #[derive(Debug, Default, Serialize, ToSchema)]
 pub struct QueryAnswer {
     pub kind: &'static str,
-    /// Metres, negative in free space.
+    /// Metres; of an sdf negative in free space.
     pub distance: Vec<Option<f64>>,
     pub gradient: Vec<Option<[f64; 2]>>,
     /// The standard deviation of the distance, metres.
@@ -35,6 +36,12 @@ pub struct QueryAnswer {
     pub gradient_covariance: Vec<Option<[f64; 3]>>,
     /// The distance's covariance with the gradient, [dx, dy].
     pub distance_gradient_covariance: Vec<Option<[f64; 2]>>,
+    /// vdf alone: from the nearest surface point, metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vector: Option<Vec<Option<[f64; 2]>>>,
+    /// vdf alone: [xx, xy, yy]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vector_covariance: Option<Vec<Option<[f64; 3]>>>,
 }
 
 /// What is asked.
@@ -74,16 +81,24 @@ pub async fn query(
 fn answer(map: &FittedMap, points: &[Vec2], kind: Kind) -> QueryAnswer {
     let mut answer =
         QueryAnswer { kind: if kind == Kind::Propagated { "propagated" } else { "posterior" }, ..Default::default() };
+    if matches!(map.field, Field::Vector { .. }) {
+        (answer.vector, answer.vector_covariance) = (Some(Vec::new()), Some(Vec::new()));
+    }
     for &p in points {
         let at = map.query(p, kind);
         answer.distance.push(at.map(|a| a.distance));
         answer.gradient.push(at.map(|a| [a.gradient.x, a.gradient.y]));
         answer.sigma.push(at.map(|a| a.sigma));
-        answer.observed.push(at.map(|a| a.observed));
+        answer.observed.push(map.observed(p));
         let packed = |c: crate::geometry::Cov2| [c[(0, 0)], c[(0, 1)], c[(1, 1)]];
         answer.gradient_covariance.push(at.map(|a| packed(a.gradient_covariance)));
         let with = at.map(|a| a.distance_gradient_covariance);
         answer.distance_gradient_covariance.push(with.map(|c| [c.x, c.y]));
+        if let (Some(vectors), Some(covariances)) = (&mut answer.vector, &mut answer.vector_covariance) {
+            let vector = at.and_then(|a| a.vector);
+            vectors.push(vector.map(|(v, _)| [v.x, v.y]));
+            covariances.push(vector.map(|(_, c)| c));
+        }
     }
     answer
 }

@@ -1,13 +1,15 @@
 //! Robot logs into job requests.
 //!
-//! `carmen` reads CARMEN logs. What comes out is the contract's JSON, so a log goes the way any client's job goes.
+//! `carmen` reads CARMEN logs, `corridor` the shared data's simulated one. What comes out is the contract's JSON, so a log goes the way any client's job goes.
 
 mod carmen;
+mod corridor;
 
 use serde_json::{Value, json};
 use thiserror::Error;
 
 pub use carmen::parse_carmen;
+pub use corridor::{Corridor, CorridorError};
 
 use crate::scan::{LaserScan, Noise};
 
@@ -45,8 +47,13 @@ impl Selection {
     }
 }
 
-/// A job request for scans, as the contract has it.
-pub fn to_request(scans: &[LaserScan], noise: &Noise, name: Option<&str>, resolution: f64) -> Value {
+/// A job request for scans, as the contract has it; `distance` is `sdf` or `vdf`.
+pub fn to_request(
+    scans: &[LaserScan],
+    noise: &Noise,
+    name: Option<&str>,
+    (distance, resolution): (&str, f64),
+) -> Value {
     let scans: Vec<Value> = scans
         .iter()
         .map(|scan| {
@@ -70,6 +77,6 @@ pub fn to_request(scans: &[LaserScan], noise: &Noise, name: Option<&str>, resolu
             "sigma_theta": noise.sigma_theta,
             "sigma_range": noise.sigma_range,
         },
-        "map": {"distance": "sdf", "resolution": resolution},
+        "map": {"distance": distance, "resolution": resolution},
     })
 }

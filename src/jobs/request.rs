@@ -47,6 +47,15 @@ impl Default for Limits {
     }
 }
 
+/// Which distance a map is to hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Distance {
+    /// `sdf`: negative in free space.
+    Signed,
+    /// `vdf`: the vector from the nearest surface point.
+    Vector,
+}
+
 /// A request that can be fitted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JobRequest {
@@ -55,6 +64,7 @@ pub struct JobRequest {
     pub priority: i32,
     pub scans: Vec<LaserScan>,
     pub noise: Noise,
+    pub distance: Distance,
     pub lattice: Lattice,
     pub options: FitOptions,
     /// Pointers of members that have no meaning here.
@@ -102,6 +112,12 @@ impl Reader<'_> {
             (Some(scans), Some(seen), Some(map)) => self.lattice(scans, seen, map),
             _ => None,
         };
+        if let (Some(MapPart { distance: Distance::Vector, .. }), Some(Some(options))) = (&map, &options)
+            && options.weighting == Weighting::Paper
+        {
+            let detail = "the published vector objective leaves the field's turn open; use calibrated, or an sdf";
+            return self.fault("/fit/weighting", detail);
+        }
         let (scans, noise, lattice) = (scans?, noise?, lattice?);
         Some(JobRequest {
             name: name?,
@@ -109,6 +125,7 @@ impl Reader<'_> {
             priority: priority?.unwrap_or(0) as i32,
             scans,
             noise,
+            distance: map?.distance,
             lattice,
             options: options?.unwrap_or_default(),
             ignored: std::mem::take(&mut self.ignored),
@@ -255,16 +272,13 @@ impl Reader<'_> {
 
     fn map(&mut self, node: &Node, at: &str) -> Option<MapPart> {
         self.object(node, at, &["distance", "resolution", "bounds", "margin"])?;
-        let distance = self.required(node, at, "distance", |r, n, p| match r.choice(n, p, &["sdf", "vdf"])? {
-            "vdf" => r.fault(p, "vdf maps are not available in this version; use sdf"),
-            other => Some(other),
-        });
+        let distance = self.required(node, at, "distance", |r, n, p| r.choice(n, p, &["sdf", "vdf"]));
         let resolution = self.required(node, at, "resolution", |r, n, p| r.positive(n, p, 1e-4, 1e4));
         let bounds = self.optional(node, at, "bounds", Self::bounds);
         let margin = self.optional(node, at, "margin", |r, n, p| r.number(n, p, 0.0, 1e4));
-        distance?;
+        let distance = if distance? == "vdf" { Distance::Vector } else { Distance::Signed };
         let resolution = resolution?;
-        Some(MapPart { resolution, bounds: bounds?, margin: margin?.unwrap_or(3.0 * resolution) })
+        Some(MapPart { distance, resolution, bounds: bounds?, margin: margin?.unwrap_or(3.0 * resolution) })
     }
 
     fn bounds(&mut self, node: &Node, at: &str) -> Option<Bounds> {
@@ -339,6 +353,7 @@ impl Reader<'_> {
 }
 
 struct MapPart {
+    distance: Distance,
     resolution: f64,
     bounds: Option<Bounds>,
     margin: f64,

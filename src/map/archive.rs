@@ -1,8 +1,9 @@
 //! A map as `.npz` files anyone can open, and back.
 //!
-//! `map.npz` holds the surface (`sdf`, shape (ny+3, nx+3)), `origin`, `resolution`, both covariances' entries on the
-//! stencil (`propagated`, `posterior`: the lower triangle, column by column), the evidence (`evidence`, 4 x 4 marks a
-//! cell), the poses and the returns. `factors.npz` holds what any covariance entry can be formed from. The fit's report is
+//! `map.npz` holds the surfaces (`sdf`, or `vdf_x` and `vdf_y`, of shape (ny+3, nx+3); NaN where a control point is not in
+//! use), `origin`, `resolution`, both covariances' entries on the stencil (`propagated`, `posterior`: the lower triangle,
+//! column by column; of a vector field with `_xx`, `_xy`, `_yx`, `_yy`), the evidence (`evidence`, 4 x 4 marks a cell),
+//! the poses and the returns. `factors.npz` holds what any covariance entry can be formed from. The fit's report is
 //! JSON inside `map.npz`, as bytes.
 
 use faer::Mat;
@@ -10,12 +11,14 @@ use nalgebra::Matrix3;
 use thiserror::Error;
 
 use super::npz::{NpzError, NpzReader, NpzWriter};
-use super::{FitReport, FittedMap};
+use super::{Field, FitReport, FittedMap};
 use crate::geometry::{Cov3, Pose, Vec2};
 use crate::scan::{Evidence, Noise, SUBCELLS};
 use crate::sparse::{Stencil, StencilMatrix};
 use crate::spline::{Lattice, Surface};
-use crate::uncertainty::{CompressedColumns, Factors, Marginals, PoseCovariance, UncertaintyError};
+use crate::uncertainty::{
+    CompressedColumns, Factors, Kind, Marginals, PoseCovariance, UncertaintyError, VectorCovariance, VectorMarginals,
+};
 
 #[derive(Debug, Error)]
 pub enum ArchiveError {
@@ -43,16 +46,19 @@ impl FittedMap {
         let cells = lattice.cells.map(|n| n as i64);
         let report = serde_json::to_vec(&self.report)?;
         let mut npz = NpzWriter::default();
-        npz.array("sdf", &[ny, nx], &self.surface.coefficients)?
-            .array("origin", &[2], &lattice.origin)?
+        for (name, coefficients) in self.field.coefficients() {
+            npz.array(name, &[ny, nx], coefficients)?;
+        }
+        npz.array("origin", &[2], &lattice.origin)?
             .array("resolution", &[], &[lattice.resolution])?
             .array("cells", &[2], &cells)?
-            .array("propagated", &[self.marginals.propagated.values.len()], &self.marginals.propagated.values)?
-            .array("posterior", &[self.marginals.posterior.values.len()], &self.marginals.posterior.values)?
             .array("evidence", &[ny.saturating_sub(3) * SUBCELLS, (nx - 3) * SUBCELLS], self.evidence.marks())?
             .array("poses", &[self.poses.len(), 3], &poses)?
             .array("returns", &[self.returns.len(), 2], &returns)?
             .array("noise", &[4], &[noise.sigma_x, noise.sigma_y, noise.sigma_theta, noise.sigma_range])?;
+        for (name, matrix) in covariances(&self.field) {
+            npz.array(&name, &[matrix.values.len()], &matrix.values)?;
+        }
         for (name, covariances) in pose_covariances(&self.pose_covariance) {
             let flat: Vec<f64> =
                 covariances.iter().flat_map(|c| c.transpose().iter().copied().collect::<Vec<_>>()).collect();
@@ -66,21 +72,7 @@ impl FittedMap {
     pub fn from_npz(bytes: &[u8]) -> Result<Self, ArchiveError> {
         let mut npz = NpzReader::new(bytes, LARGEST_ARRAY)?;
         let lattice = read_lattice(&mut npz)?;
-        let coefficients: Vec<f64> = npz.array("sdf")?;
-        if coefficients.len() != lattice.len() {
-            return Err(ArchiveError::Damaged("the coefficients do not fit the lattice"));
-        }
-        let stencil = Stencil::of(&lattice);
-        let mut covariance = |name: &str| -> Result<StencilMatrix, ArchiveError> {
-            let mut matrix = StencilMatrix::zeros(stencil.clone());
-            let values: Vec<f64> = npz.array(name)?;
-            if values.len() != matrix.values.len() {
-                return Err(ArchiveError::Damaged("a covariance does not fit the lattice"));
-            }
-            matrix.values = values;
-            Ok(matrix)
-        };
-        let marginals = Marginals { propagated: covariance("propagated")?, posterior: covariance("posterior")? };
+        let field = read_field(&mut npz, &lattice)?;
         let evidence = Evidence::from_marks(&lattice, npz.array("evidence")?)
             .ok_or(ArchiveError::Damaged("the evidence does not fit the lattice"))?;
         let noise: Vec<f64> = npz.array("noise")?;
@@ -95,9 +87,8 @@ impl FittedMap {
         };
         let report: FitReport = serde_json::from_slice(&npz.array::<u8>("report")?)?;
         Ok(Self {
-            surface: Surface { lattice, coefficients },
+            field,
             evidence,
-            marginals,
             report,
             poses: triples.chunks_exact(3).map(|p| Pose::new(p[0], p[1], p[2])).collect(),
             pose_covariance,
@@ -105,6 +96,62 @@ impl FittedMap {
             noise: Noise { sigma_x, sigma_y, sigma_theta, sigma_range },
         })
     }
+}
+
+fn covariances(field: &Field) -> Vec<(String, &StencilMatrix)> {
+    match field {
+        Field::Signed { marginals, .. } => {
+            vec![("propagated".into(), &marginals.propagated), ("posterior".into(), &marginals.posterior)]
+        }
+        Field::Vector { marginals, .. } => [("propagated", &marginals.propagated), ("posterior", &marginals.posterior)]
+            .into_iter()
+            .flat_map(|(kind, own)| {
+                PARTS.into_iter().zip(own.parts()).map(move |(part, m)| (format!("{kind}_{part}"), m))
+            })
+            .collect(),
+    }
+}
+
+/// The parts of a vector field's covariance, in the order of [`VectorCovariance::parts`].
+const PARTS: [&str; 4] = ["xx", "xy", "yx", "yy"];
+
+fn read_field(npz: &mut NpzReader<'_>, lattice: &Lattice) -> Result<Field, ArchiveError> {
+    let names: &[&str] = if npz.has("sdf") { &["sdf"] } else { &["vdf_x", "vdf_y"] };
+    let mut surfaces = Vec::new();
+    for name in names {
+        let coefficients: Vec<f64> = npz.array(name)?;
+        if coefficients.len() != lattice.len() {
+            return Err(ArchiveError::Damaged("the coefficients do not fit the lattice"));
+        }
+        surfaces.push(Surface { lattice: lattice.clone(), coefficients });
+    }
+    let stencil = match &surfaces[..] {
+        [x, _] => Stencil::over(lattice, x.coefficients.iter().map(|c| c.is_finite()).collect()),
+        _ => Stencil::of(lattice),
+    };
+    let mut covariance = |name: &str| -> Result<StencilMatrix, ArchiveError> {
+        let mut matrix = StencilMatrix::zeros(stencil.clone());
+        let values: Vec<f64> = npz.array(name)?;
+        if values.len() != matrix.values.len() {
+            return Err(ArchiveError::Damaged("a covariance does not fit the lattice"));
+        }
+        matrix.values = values;
+        Ok(matrix)
+    };
+    let mut vector = |kind: &str| -> Result<VectorCovariance, ArchiveError> {
+        let [xx, xy, yx, yy] = PARTS.map(|part| covariance(&format!("{kind}_{part}")));
+        Ok(VectorCovariance { xx: xx?, xy: xy?, yx: yx?, yy: yy? })
+    };
+    Ok(match <[Surface; 2]>::try_from(surfaces) {
+        Ok(components) => {
+            let marginals = VectorMarginals { propagated: vector("propagated")?, posterior: vector("posterior")? };
+            Field::Vector { components, marginals: Box::new(marginals) }
+        }
+        Err(mut one) => {
+            let marginals = Marginals { propagated: covariance("propagated")?, posterior: covariance("posterior")? };
+            Field::Signed { surface: one.remove(0), marginals }
+        }
+    })
 }
 
 /// The factors as `factors.npz`: the bordered form, as they are stored.
@@ -117,6 +164,11 @@ pub fn factors_to_npz(lattice: &Lattice, factors: &Factors) -> Result<Vec<u8>, A
         .array("cells", &[2], &lattice.cells.map(|n| n as i64))?
         .array("hessian", &[factors.hessian.values.len()], &factors.hessian.values)?
         .array("poses", &[factors.poses.len(), 3, 3], &poses)?;
+    let stencil = factors.hessian.stencil();
+    let active: Vec<u8> = (0..lattice.len()).map(|point| u8::from(stencil.is_active(point))).collect();
+    if active.contains(&0) {
+        npz.array("active", &[active.len()], &active)?;
+    }
     let [rows, modes] = [factors.gauge.nrows(), factors.gauge.ncols()];
     let gauge: Vec<f64> = (0..rows * modes).map(|k| factors.gauge[(k / modes, k % modes)]).collect();
     npz.array("gauge", &[rows, modes], &gauge)?;
@@ -136,7 +188,16 @@ pub fn factors_from_npz(bytes: &[u8]) -> Result<Factors, ArchiveError> {
     let flat: Vec<f64> = npz.array("gauge")?;
     let modes = if flat.is_empty() { 0 } else { flat.len() / (3 * poses.len()).max(1) };
     let gauge = Mat::from_fn(3 * poses.len(), modes, |row, mode| flat[row * modes + mode]);
-    Ok(Factors::from_parts(&lattice, hessian, coupling, poses, gauge, inputs)?)
+    let stencil = if npz.has("active") {
+        let active: Vec<u8> = npz.array("active")?;
+        if active.len() != lattice.len() {
+            return Err(ArchiveError::Damaged("the active control points do not fit the lattice"));
+        }
+        Stencil::over(&lattice, active.into_iter().map(|mark| mark != 0).collect())
+    } else {
+        Stencil::of(&lattice)
+    };
+    Ok(Factors::from_parts(stencil, hessian, coupling, poses, gauge, inputs)?)
 }
 
 /// Writes the four arrays of a CSC matrix: `NAME_data`, `NAME_indices`, `NAME_indptr`, `NAME_shape`.
@@ -160,9 +221,25 @@ pub fn on_lattice_npz(lattice: &Lattice, arrays: &[(&str, &[f64])]) -> Result<Ve
     npz.finish()
 }
 
-/// Both triangles in CSC, as `scipy.sparse.save_npz` writes it.
-pub fn scipy_sparse(matrix: &StencilMatrix) -> Result<Vec<u8>, NpzError> {
-    let columns = whole(matrix);
+/// A field's covariance between control points that share a cell, both triangles in CSC, as `scipy.sparse.save_npz` writes it.
+/// A vector field's has the x coefficients before the y coefficients.
+pub fn scipy_sparse(field: &Field, kind: Kind) -> Result<Vec<u8>, NpzError> {
+    let n = field.lattice().len();
+    let mut columns = CompressedColumns::new(match field {
+        Field::Signed { .. } => n,
+        Field::Vector { .. } => 2 * n,
+    });
+    match field {
+        Field::Signed { marginals, .. } => {
+            let own = marginals.of(kind);
+            push_columns(&mut columns, n, [(own, own)]);
+        }
+        Field::Vector { marginals, .. } => {
+            let own = marginals.of(kind);
+            push_columns(&mut columns, n, [(&own.xx, &own.xx), (&own.yx, &own.xy)]);
+            push_columns(&mut columns, n, [(&own.xy, &own.yx), (&own.yy, &own.yy)]);
+        }
+    }
     let narrow = |values: &[usize]| values.iter().map(|&v| v as i32).collect::<Vec<_>>();
     let mut npz = NpzWriter::default();
     npz.array("indices", &[columns.indices.len()], &narrow(&columns.indices))?
@@ -173,21 +250,25 @@ pub fn scipy_sparse(matrix: &StencilMatrix) -> Result<Vec<u8>, NpzError> {
     npz.finish()
 }
 
-fn whole(matrix: &StencilMatrix) -> CompressedColumns {
-    let n = matrix.stencil().dimension();
-    let mut columns = vec![Vec::with_capacity(49); n];
-    for ((row, column), &value) in matrix.stencil().entries().zip(&matrix.values) {
-        columns[column].push((row, value));
-        if row != column {
-            columns[row].push((column, value));
+/// Appends the columns of blocks that lie one below the other, `n` rows each: of every block what holds its lower triangle,
+/// and what holds its upper one, transposed. Control points that are not in use have no entries.
+fn push_columns<const K: usize>(into: &mut CompressedColumns, n: usize, blocks: [(&StencilMatrix, &StencilMatrix); K]) {
+    let stencil = blocks[0].0.stencil();
+    let mut columns = vec![Vec::with_capacity(49 * K); n];
+    for (k, (lower, upper)) in blocks.into_iter().enumerate() {
+        for (position, (row, column)) in stencil.entries().enumerate() {
+            if stencil.is_active(row) {
+                columns[column].push((k * n + row, lower.values[position]));
+                if row != column {
+                    columns[row].push((k * n + column, upper.values[position]));
+                }
+            }
         }
     }
-    let mut whole = CompressedColumns::new(n);
     for mut column in columns {
         column.sort_unstable_by_key(|&(row, _)| row);
-        whole.push(column);
+        into.push(column);
     }
-    whole
 }
 
 fn read_columns(npz: &mut NpzReader<'_>, name: &str) -> Result<CompressedColumns, ArchiveError> {

@@ -1,22 +1,24 @@
 //! A fitted map: the surface, its uncertainty, where there is evidence; questions about it, and its files.
 //!
-//! [`FittedMap`] is made from a [`Fit`] once; from then on it never changes. `query` answers what
-//! lies at a point. [`npz`] is how arrays become files that numpy opens; `archive` is a map as such files.
+//! [`FittedMap`] is made from a [`Fit`] or a [`VectorFit`] once; from then on it never changes. Its [`Field`] is a signed or a
+//! vector distance; `query` answers what lies at a point. [`npz`] is how arrays become files that numpy opens; `archive` is a map as such files.
 
 mod archive;
+mod field;
 pub mod npz;
 mod query;
 
 use serde::{Deserialize, Serialize};
 
 pub use archive::{ArchiveError, factors_from_npz, factors_to_npz, on_lattice_npz, scipy_sparse, write_columns};
+pub use field::{Field, VectorAt, WALL_DIVERGENCE};
 pub use query::Answer;
 
-use crate::fit::{Fit, Weighting, Weights};
+use crate::fit::{Fit, Minimum, VectorFit, Weighting, Weights};
 use crate::geometry::{Pose, Vec2};
 use crate::scan::{Evidence, Noise};
-use crate::spline::{Lattice, Surface};
-use crate::uncertainty::{Factors, Marginals, PoseCovariance, UncertaintyError, marginals};
+use crate::spline::Lattice;
+use crate::uncertainty::{Factors, PoseCovariance, UncertaintyError, marginals, vector_marginals};
 
 /// What a fit reports about itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -42,9 +44,8 @@ pub struct FitReport {
 /// A finished map.
 #[derive(Debug, Clone)]
 pub struct FittedMap {
-    pub surface: Surface,
+    pub field: Field,
     pub evidence: Evidence,
-    pub marginals: Marginals,
     pub report: FitReport,
     /// One a scan, refined or as reported.
     pub poses: Vec<Pose>,
@@ -69,23 +70,10 @@ impl FittedMap {
         let mut returns = vec![Vec2::zeros(); fit.objective.sightings.returns.len()];
         placed.iter().for_each(|sighting| returns[sighting.source] = sighting.seen.point);
         let minimum = fit.minimum;
-        let report = FitReport {
-            weighting: fit.weighting,
-            converged: fit.converged,
-            iterations: minimum.iterations,
-            factorisations: minimum.factorisations,
-            objective: minimum.objective,
-            gradient_norm: minimum.gradient_norm,
-            relative_gradient: minimum.relative_gradient,
-            positive_definite: minimum.positive_definite,
-            observations: returns.len(),
-            seconds: seconds(),
-            weights: fit.weights,
-        };
+        let report = FitReport::of(fit.weighting, fit.converged, minimum, returns.len(), fit.weights, seconds());
         let map = Self {
-            surface: fit.surface,
+            field: Field::Signed { surface: fit.surface, marginals },
             evidence: fit.evidence,
-            marginals,
             report,
             poses: fit.poses,
             pose_covariance,
@@ -95,7 +83,54 @@ impl FittedMap {
         Ok((map, factors))
     }
 
+    /// The map of a vector fit, likewise.
+    pub fn finish_vector(
+        mut fit: VectorFit,
+        noise: Noise,
+        seconds: impl FnOnce() -> f64,
+    ) -> Result<(Self, Factors), UncertaintyError> {
+        let (marginals, pose_covariance) = vector_marginals(&mut fit)?;
+        let factors = Factors::of_vector(&fit);
+        let (weighting, observations) = (Weighting::Calibrated, fit.returns.len());
+        let report = FitReport::of(weighting, fit.converged, fit.minimum, observations, fit.weights, seconds());
+        let map = Self {
+            field: Field::Vector { components: fit.field, marginals: Box::new(marginals) },
+            evidence: fit.evidence,
+            report,
+            poses: fit.poses,
+            pose_covariance,
+            returns: fit.returns,
+            noise,
+        };
+        Ok((map, factors))
+    }
+
     pub fn lattice(&self) -> &Lattice {
-        &self.surface.lattice
+        self.field.lattice()
+    }
+}
+
+impl FitReport {
+    fn of(
+        weighting: Weighting,
+        converged: bool,
+        minimum: Minimum,
+        observations: usize,
+        weights: Weights,
+        seconds: f64,
+    ) -> Self {
+        Self {
+            weighting,
+            converged,
+            iterations: minimum.iterations,
+            factorisations: minimum.factorisations,
+            objective: minimum.objective,
+            gradient_norm: minimum.gradient_norm,
+            relative_gradient: minimum.relative_gradient,
+            positive_definite: minimum.positive_definite,
+            observations,
+            seconds,
+            weights,
+        }
     }
 }

@@ -86,6 +86,11 @@ impl<'a> NpzReader<'a> {
         Ok(Self { zip: zip::ZipArchive::new(Cursor::new(bytes))?, limit })
     }
 
+    /// Whether there is an array of this name.
+    pub fn has(&self, name: &str) -> bool {
+        self.zip.index_for_name(&format!("{name}.npy")).is_some()
+    }
+
     /// An array's values in the order they are stored.
     pub fn array<T: npyz::Deserialize>(&mut self, name: &str) -> Result<Vec<T>, NpzError> {
         let mut file = self.zip.by_name(&format!("{name}.npy"))?;

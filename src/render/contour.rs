@@ -3,14 +3,15 @@
 //! Marching squares on samples finer than the lattice, then every vertex is moved onto the spline's own level by
 //! Newton steps along the gradient. The band is where `|u - level| <= k sigma`, traced on the signed ratio
 //! `(u - level) / sigma`, which crosses a band narrower than the sampling cleanly. Both are kept where there is evidence:
-//! a level in space nobody saw is not a wall.
+//! a level in space nobody saw is not a wall. Where a vector field vanishes is traced by [`super::walls`].
 
 use ::contour::ContourBuilder;
 use geo_types::{Coord, LineString, MultiLineString, MultiPolygon, Polygon};
 
 use super::RenderError;
+use super::walls::walls;
 use crate::geometry::Vec2;
-use crate::map::FittedMap;
+use crate::map::{Field, FittedMap};
 use crate::uncertainty::Kind;
 
 /// Samples a cell's side, where the map is not too large for it.
@@ -31,8 +32,12 @@ pub struct Contours {
 
 /// Traces a level, and with `sigma_band` the band of that many standard deviations.
 pub fn contours(map: &FittedMap, level: f64, sigma_band: Option<f64>, kind: Kind) -> Result<Contours, RenderError> {
+    if level == 0.0 && matches!(map.field, Field::Vector { .. }) {
+        let (lines, band) = walls(map, sigma_band, kind);
+        return Ok(Contours { level, lines, band: sigma_band.zip(band) });
+    }
     let samples = Samples::over(map);
-    let values = samples.collect(|p| map.surface.value(p).map_or(FAR, |u| u - level));
+    let values = samples.collect(|p| map.field.value(p).map_or(FAR, |u| u - level));
     let mut lines = Vec::new();
     for line in ContourBuilder::new(samples.size[0], samples.size[1], true).lines(&values, &[0.0])? {
         for ring in line.geometry() {
@@ -80,19 +85,20 @@ fn onto_level(map: &FittedMap, mut p: Vec2, level: f64) -> Vec2 {
     let reach = map.lattice().resolution / FINEST as f64;
     let from = p;
     for _ in 0..4 {
-        let Some(jet) = map.surface.jet(p) else { return from };
-        let slope2 = jet.gradient.norm_squared();
+        let Some((value, gradient)) = map.field.slope(p) else { return from };
+        let slope2 = gradient.norm_squared();
         if slope2 < 1e-4 {
             return from;
         }
-        p -= jet.gradient * ((jet.value - level) / slope2);
+        p -= gradient * ((value - level) / slope2);
     }
     if (p - from).norm() <= reach && map.lattice().locate(p).is_some() { p } else { from }
 }
 
 /// The pieces of a line that lie where there is evidence.
 fn split_where_seen(map: &FittedMap, vertices: Vec<Vec2>) -> Vec<LineString<f64>> {
-    let seen = |p: Vec2| map.evidence.at(map.lattice(), p).any();
+    let jump = |p: Vec2| map.field.vector(p).is_some_and(|at| at.jacobian.trace() < 0.0);
+    let seen = |p: Vec2| map.evidence.at(map.lattice(), p).any() && !jump(p);
     let closed = vertices.len() > 2 && vertices.first() == vertices.last();
     let mut pieces: Vec<Vec<Coord<f64>>> = vec![Vec::new()];
     for p in &vertices {
@@ -111,14 +117,14 @@ fn split_where_seen(map: &FittedMap, vertices: Vec<Vec2>) -> Vec<LineString<f64>
 }
 
 /// A regular grid of points over the lattice, edges included.
-struct Samples {
-    origin: [f64; 2],
-    step: f64,
-    size: [usize; 2],
+pub(super) struct Samples {
+    pub origin: [f64; 2],
+    pub step: f64,
+    pub size: [usize; 2],
 }
 
 impl Samples {
-    fn over(map: &FittedMap) -> Self {
+    pub fn over(map: &FittedMap) -> Self {
         let lattice = map.lattice();
         let per_cell = (1..=FINEST).rev().find(|k| lattice.cell_count() * k * k <= MOST_SAMPLES).unwrap_or(1);
         Self {

@@ -11,6 +11,7 @@ mod nav2;
 mod occupancy;
 mod picture;
 mod raster;
+mod walls;
 
 use thiserror::Error;
 

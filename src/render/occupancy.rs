@@ -2,7 +2,8 @@
 //!
 //! With mean `u` and standard deviation `s` of the distance at the centre, and cells of side `r`,
 //! `P = Phi((r/2 - u)/s) - Phi((-r/2 - u)/s)`. A cell is known where a beam passed, or where a surface was met in it and
-//! the distance agrees that it may be there; what lies behind a wall stays unknown.
+//! the distance agrees that it may be there; what lies behind a wall stays unknown. A vector field also vanishes where it
+//! jumps, half-way between two surfaces: there its divergence tells that nothing stands.
 
 use crate::geometry::Vec2;
 use crate::map::FittedMap;
@@ -90,6 +91,9 @@ fn cell(map: &FittedMap, center: Vec2, resolution: f64, kind: Kind) -> i8 {
         return -1;
     }
     let Some((u, sigma)) = map.distance(center, kind) else { return -1 };
+    if seen.free && map.field.vector(center).is_some_and(|at| !at.is_wall_like()) {
+        return 0;
+    }
     if !seen.free && u.abs() > resolution / 2.0 + 2.0 * sigma {
         return -1;
     }

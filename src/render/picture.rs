@@ -7,7 +7,7 @@ use super::contour::{Contours, contours};
 use super::figure::{Axes, Figure};
 use super::occupancy::OccupancyGrid;
 use crate::geometry::Vec2;
-use crate::map::FittedMap;
+use crate::map::{Field, FittedMap};
 use crate::uncertainty::Kind;
 
 /// What the colours show.
@@ -68,11 +68,15 @@ pub fn contour_picture(map: &FittedMap, traced: &Contours, width: usize, title: 
 }
 
 fn distance_layer(map: &FittedMap, figure: &mut Figure) -> Result<(), RenderError> {
-    let seen = seen_sample(map, figure.axes, |p| map.surface.value(p));
+    let seen = seen_sample(map, figure.axes, |p| map.field.value(p));
     let reach = seen.last().copied().unwrap_or(1.0).max(-seen.first().copied().unwrap_or(0.0)).clamp(0.1, 1e6);
-    let color = |u: f64| shade(colorous::RED_BLUE, 0.5 - 0.5 * u / reach);
+    let signed = matches!(map.field, Field::Signed { .. });
+    let color = |u: f64| match signed {
+        true => shade(colorous::RED_BLUE, 0.5 - 0.5 * u / reach),
+        false => shade(colorous::YELLOW_GREEN_BLUE, u / reach),
+    };
     figure.raster(|p| {
-        let Some(u) = map.surface.value(p) else { return UNSEEN };
+        let Some(u) = map.field.value(p) else { return UNSEEN };
         let [r, g, b] = color(u);
         if map.evidence.at(map.lattice(), p).any() {
             opaque([r, g, b])
@@ -81,7 +85,7 @@ fn distance_layer(map: &FittedMap, figure: &mut Figure) -> Result<(), RenderErro
             opaque([r, g, b].map(|v| (0.35 * f64::from(v) + 0.65 * 214.0) as u8))
         }
     })?;
-    figure.color_bar(-reach, reach, "distance (m)", color);
+    figure.color_bar(if signed { -reach } else { 0.0 }, reach, "distance (m)", color);
     Ok(())
 }
 

@@ -46,6 +46,9 @@ impl Noise {
     /// The noise of the method's experiment 1.
     pub const EXPERIMENT_ONE: Self = Self { sigma_x: 0.01, sigma_y: 0.01, sigma_theta: 0.005, sigma_range: 0.02 };
 
+    /// That of its experiment 2.
+    pub const EXPERIMENT_TWO: Self = Self { sigma_x: 0.05, sigma_y: 0.05, sigma_theta: 0.005, sigma_range: 0.02 };
+
     pub fn pose_covariance(&self) -> Cov3 {
         let variances = [self.sigma_x.powi(2), self.sigma_y.powi(2), self.sigma_theta.powi(2)];
         Cov3::from_diagonal(&variances.into())

@@ -69,6 +69,25 @@ pub fn simulate(world: &World, lidar: &Lidar, poses: &[Pose], noise: &Noise, see
         .collect()
 }
 
+/// Scans with noise drawn upon their poses.
+pub fn misplaced(scans: &[LaserScan], noise: &Noise, seed: u64) -> Vec<LaserScan> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut normal = |sigma: f64| {
+        let z: f64 = StandardNormal.sample(&mut rng);
+        sigma * z
+    };
+    let moved = |scan: &LaserScan| {
+        let pose = scan.pose;
+        let pose = Pose::new(
+            pose.x + normal(noise.sigma_x),
+            pose.y + normal(noise.sigma_y),
+            pose.theta + normal(noise.sigma_theta),
+        );
+        LaserScan { pose, ..scan.clone() }
+    };
+    scans.iter().map(moved).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

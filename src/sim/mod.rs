@@ -5,9 +5,11 @@
 //! simulated log is the same on every machine. The demo, the reproduction, tests and benches all run on this.
 
 mod lidar;
+mod plan;
 mod scenario;
 mod world;
 
-pub use lidar::{Lidar, simulate};
+pub use lidar::{Lidar, misplaced, simulate};
+pub use plan::Plan;
 pub use scenario::Scenario;
 pub use world::World;

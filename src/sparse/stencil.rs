@@ -4,6 +4,9 @@
 //! `(i + di, j + dj)` with `dj = 0, di in 0..=3` or `dj in 1..=3, di in -3..=3`, 25 slots of which the lattice's edges
 //! cut some off. In natural order those rows ascend with the slot, so the pattern needs no sorting, and where entry
 //! `(row, column)` lies is one table look-up.
+//!
+//! Control points that nothing is known of may be left out ([`Stencil::over`]): they keep their index, so arrays stay
+//! rectangular, but only their diagonal entry, so they cost nothing and fill in nothing.
 
 use std::sync::Arc;
 
@@ -104,6 +107,8 @@ pub struct Stencil {
     rows: Vec<usize>,
     /// Where slot `s` of column `k` lies in the values, at `k * SLOTS + s`.
     positions: Vec<usize>,
+    /// The control points in use; `None` for all.
+    active: Option<Vec<bool>>,
 }
 
 /// The slot of the row at grid offset `(di, dj)` from its column.
@@ -119,6 +124,15 @@ impl Stencil {
 
     /// The pattern of an `nx x ny` grid.
     pub fn of_grid(size: [usize; 2]) -> Arc<Self> {
+        Self::build(size, None)
+    }
+
+    /// The pattern of the control points that `active` names, one mark each.
+    pub fn over(lattice: &Lattice, active: Vec<bool>) -> Arc<Self> {
+        Self::build(lattice.control_points(), Some(active))
+    }
+
+    fn build(size: [usize; 2], active: Option<Vec<bool>>) -> Arc<Self> {
         let [nx, ny] = [size[0] as isize, size[1] as isize];
         let n = size[0] * size[1];
         let mut stencil = Self {
@@ -126,6 +140,7 @@ impl Stencil {
             column_starts: Vec::with_capacity(n + 1),
             rows: Vec::new(),
             positions: vec![ABSENT; n * SLOTS],
+            active,
         };
         for column in 0..n {
             stencil.column_starts.push(stencil.rows.len());
@@ -133,8 +148,11 @@ impl Stencil {
             for dj in 0..=3.min(ny - 1 - j) {
                 let first = if dj == 0 { 0 } else { -3 };
                 for di in first.max(-i)..=3.min(nx - 1 - i) {
-                    stencil.positions[column * SLOTS + slot(di, dj)] = stencil.rows.len();
-                    stencil.rows.push((column as isize + di + dj * nx) as usize);
+                    let row = (column as isize + di + dj * nx) as usize;
+                    if row == column || (stencil.is_active(row) && stencil.is_active(column)) {
+                        stencil.positions[column * SLOTS + slot(di, dj)] = stencil.rows.len();
+                        stencil.rows.push(row);
+                    }
                 }
             }
         }
@@ -150,6 +168,23 @@ impl Stencil {
     /// The number of control points along x and y.
     pub fn size(&self) -> [usize; 2] {
         self.size
+    }
+
+    /// Whether a control point is in use.
+    #[inline]
+    pub fn is_active(&self, point: usize) -> bool {
+        self.active.as_ref().is_none_or(|active| active[point])
+    }
+
+    /// Whether all control points of the cell with this lowest one are in use.
+    #[inline]
+    pub fn is_active_cell(&self, first: usize) -> bool {
+        self.active.is_none() || (0..SUPPORT).all(|k| self.is_active(first + k % 4 + (k / 4) * self.size[0]))
+    }
+
+    /// The number of control points in use.
+    pub fn active_len(&self) -> usize {
+        self.active.as_ref().map_or(self.dimension(), |active| active.iter().filter(|a| **a).count())
     }
 
     /// The number of stored entries: those of the lower triangle.
@@ -186,7 +221,7 @@ impl Stencil {
         if !(0..=3).contains(&dj) || di.abs() > 3 {
             return None;
         }
-        Some(self.positions[column * SLOTS + slot(di, dj)])
+        Some(self.positions[column * SLOTS + slot(di, dj)]).filter(|&position| position != ABSENT)
     }
 
     /// The pattern as faer reads it: the lower triangle in CSC.
@@ -325,6 +360,17 @@ mod tests {
                 assert_eq!(stencil.position(q, p).is_some(), near, "position of ({p}, {q})");
             }
         }
+    }
+
+    #[test]
+    fn control_points_left_out_keep_their_diagonal_alone() {
+        let lattice = Lattice { origin: [0.0; 2], resolution: 1.0, cells: [4, 3] };
+        let active: Vec<bool> = (0..lattice.len()).map(|k| k % 7 < 5).collect();
+        let stencil = Stencil::over(&lattice, active.clone());
+        assert!(stencil.entries().all(|(p, q)| p == q || (active[p] && active[q])));
+        assert_eq!(stencil.entries().filter(|(p, q)| p == q).count(), lattice.len());
+        assert_eq!(stencil.position(5, 4), None);
+        assert!(stencil.is_active_cell(0) && !stencil.is_active_cell(2));
     }
 
     #[test]

@@ -8,10 +8,13 @@
 //! H' = H - K P^-1 K^T,   B' = B_c - K P^-1 B_e,   propagated = H'^-1 B' B'^T H'^-1,   posterior = 2 H'^-1
 //! ```
 //!
+//! Where the map is a vector field, `M` has its two components one after the other, with one `H` for both.
+//!
 //! That fills in what any scan saw; it is refused where that is too much. The *posterior* has the gauge's share besides
 //! ([`gauge`]): `W U U^T W^T`, `W = H^-1 K`, which the eliminated form has inside `H'`.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
@@ -20,21 +23,21 @@ use nalgebra::Matrix3;
 use super::inputs::{CompressedColumns, for_each_return};
 use super::marginals::settle;
 use super::{Kind, UncertaintyError};
-use crate::fit::{Bordered, Fit, Poses, System, gauge};
+use crate::fit::{Bordered, Fit, Poses, System, gauge, solve_components};
 use crate::sparse::{Cholesky, Stencil, StencilMatrix};
-use crate::spline::Lattice;
 
 /// The Hessian and the inputs of a fit; see the module.
 #[derive(Debug, Clone)]
 pub struct Factors {
+    /// `H`, of each component.
     pub hessian: StencilMatrix,
-    /// `K`: control points x pose unknowns.
+    /// `K`: coefficients (of all components) x pose unknowns.
     pub coupling: CompressedColumns,
     /// `P`, block by block, without the gauge's share.
     pub poses: Vec<Matrix3<f64>>,
     /// `U` of [`gauge`]: `P` has `2 kappa U U^T` more.
     pub gauge: Mat<f64>,
-    /// `B`: (control points + pose unknowns) x inputs.
+    /// `B`: (coefficients + pose unknowns) x inputs.
     pub inputs: CompressedColumns,
 }
 
@@ -45,7 +48,7 @@ struct CommonMotion {
     share: Mat<f64>,
 }
 
-/// Hessian and inputs on the control points alone: `propagated = H^-1 B B^T H^-1`, `posterior = 2 H^-1`.
+/// Hessian and inputs on the coefficients alone: `propagated = H^-1 B B^T H^-1`, `posterior = 2 H^-1`.
 pub struct Reduced {
     pub hessian: CompressedColumns,
     pub inputs: CompressedColumns,
@@ -99,19 +102,23 @@ impl Factors {
 
     /// Factors from their parts, which must fit each other.
     pub fn from_parts(
-        lattice: &Lattice,
+        stencil: Arc<Stencil>,
         hessian: Vec<f64>,
         coupling: CompressedColumns,
         poses: Vec<Matrix3<f64>>,
         gauge: Mat<f64>,
         inputs: CompressedColumns,
     ) -> Result<Self, UncertaintyError> {
-        let mut matrix = StencilMatrix::zeros(Stencil::of(lattice));
+        let n = stencil.dimension();
+        let mut matrix = StencilMatrix::zeros(stencil);
         if matrix.values.len() != hessian.len() {
             return Err(UncertaintyError::Malformed("the Hessian has another lattice's size"));
         }
         matrix.values = hessian;
-        if coupling.columns() != 3 * poses.len() || inputs.rows != lattice.len() + 3 * poses.len() {
+        if coupling.rows == 0 || !coupling.rows.is_multiple_of(n) {
+            return Err(UncertaintyError::Malformed("the border has another lattice's size"));
+        }
+        if coupling.columns() != 3 * poses.len() || inputs.rows != coupling.rows + 3 * poses.len() {
             return Err(UncertaintyError::Malformed("border and inputs have different numbers of poses"));
         }
         if gauge.ncols() > 0 && gauge.nrows() != 3 * poses.len() {
@@ -120,12 +127,29 @@ impl Factors {
         Ok(Self { hessian: matrix, coupling, poses, gauge, inputs })
     }
 
-    /// The dense covariance between the given control points (or coefficients), row-major, exact.
+    /// The number of coefficients: control points x components.
+    pub fn coefficients(&self) -> usize {
+        self.coupling.rows
+    }
+
+    /// The Hessian's entries between coefficients, both triangles.
+    fn hessian_entries(&self) -> impl Iterator<Item = (usize, usize, f64)> + '_ {
+        let n = self.hessian.stencil().dimension();
+        (0..self.coefficients() / n).flat_map(move |k| {
+            let entries = self.hessian.stencil().entries().zip(&self.hessian.values);
+            entries.flat_map(move |((row, column), &value)| {
+                let lower = Some((k * n + row, k * n + column, value));
+                lower.into_iter().chain((row != column).then_some((k * n + column, k * n + row, value)))
+            })
+        })
+    }
+
+    /// The dense covariance between the given coefficients, row-major, exact.
     pub fn block(&self, kind: Kind, points: &[usize]) -> Result<Vec<f64>, UncertaintyError> {
         let mut cholesky = Cholesky::analyse(self.hessian.stencil())?;
         let system = self.system();
         let border = Bordered::factorise(&system, &mut cholesky)?;
-        let (n, m) = (cholesky.dimension(), points.len());
+        let (n, m) = (self.coefficients(), points.len());
         let mut result = vec![0.0; m * m];
         for first in (0..m).step_by(COLUMNS_A_BLOCK) {
             let width = COLUMNS_A_BLOCK.min(m - first);
@@ -172,7 +196,7 @@ impl Factors {
     /// The factors with the poses eliminated, or `None` where that would take more than `limit` entries. Whatever any scan
     /// saw is coupled then: the gauge ties all poses together.
     pub fn reduced(&self, limit: usize) -> Option<Reduced> {
-        let (n, unknowns) = (self.hessian.stencil().dimension(), self.coupling.columns());
+        let (n, unknowns) = (self.coefficients(), self.coupling.columns());
         let mut seen: Vec<usize> = (0..unknowns).flat_map(|k| self.coupling.column(k)).map(|(row, _)| row).collect();
         seen.sort_unstable();
         seen.dedup();
@@ -193,10 +217,7 @@ impl Factors {
         let common = self.common_motion(&seen, &coupling, &lost)?;
         lost += &common.pull * &common.share * common.pull.transpose();
         let mut hessian = vec![BTreeMap::<usize, f64>::new(); n];
-        for ((row, column), value) in self.hessian.stencil().entries().zip(&self.hessian.values) {
-            hessian[column].insert(row, *value);
-            hessian[row].insert(column, *value);
-        }
+        self.hessian_entries().for_each(|(row, column, value)| _ = hessian[column].insert(row, value));
         for (a, &row) in seen.iter().enumerate() {
             for (b, &column) in seen.iter().enumerate() {
                 // Symmetric to the last bit, whichever way the products were summed.
@@ -230,7 +251,7 @@ impl Factors {
     /// The gauge's share of the posterior, `m m^T`, as a change of the eliminated Hessian `H'` (Woodbury):
     /// `(H'^-1 + m m^T / 2)^-1 = H' - V T V^T` with `V = H' m`, `T = (2 I + m^T V)^-1`. `V` lives where scans saw something.
     fn common_motion(&self, seen: &[usize], coupling: &Mat<f64>, lost: &Mat<f64>) -> Option<CommonMotion> {
-        let (n, modes) = (self.hessian.stencil().dimension(), self.gauge.ncols());
+        let (n, modes) = (self.coefficients(), self.gauge.ncols());
         let mut moved = Mat::<f64>::zeros(n, modes);
         if modes == 0 {
             return Some(CommonMotion { moved, pull: Mat::zeros(seen.len(), 0), share: Mat::zeros(0, 0) });
@@ -241,7 +262,7 @@ impl Factors {
         }
         let mut cholesky = Cholesky::analyse(self.hessian.stencil()).ok()?;
         cholesky.factorise(&self.hessian).ok()?;
-        cholesky.solve_block(moved.as_mut()).ok()?;
+        solve_components(&cholesky, moved.as_mut()).ok()?;
         let on_seen = Mat::from_fn(seen.len(), modes, |a, k| moved[(seen[a], k)]);
         let pull = pushed - lost * &on_seen;
         let mut inner = on_seen.transpose() * &pull;
@@ -261,12 +282,9 @@ impl Factors {
 
     /// `M` whole, both triangles.
     pub fn bordered_hessian(&self) -> CompressedColumns {
-        let n = self.hessian.stencil().dimension();
+        let n = self.coefficients();
         let mut columns = vec![BTreeMap::<usize, f64>::new(); n + self.coupling.columns()];
-        for ((row, column), &value) in self.hessian.stencil().entries().zip(&self.hessian.values) {
-            columns[column].insert(row, value);
-            columns[row].insert(column, value);
-        }
+        self.hessian_entries().for_each(|(row, column, value)| _ = columns[column].insert(row, value));
         for k in 0..self.coupling.columns() {
             for (row, value) in self.coupling.column(k) {
                 columns[n + k].insert(row, value);
@@ -284,7 +302,7 @@ impl Factors {
     }
 
     fn system(&self) -> System {
-        let n = self.hessian.stencil().dimension();
+        let n = self.coefficients();
         let mut coupling = Mat::zeros(n, self.coupling.columns());
         for column in 0..self.coupling.columns() {
             self.coupling.column(column).for_each(|(row, value)| coupling[(row, column)] = value);

@@ -26,7 +26,7 @@ use crate::geometry::Cov3;
 use crate::sparse::{CellBlock, StencilMatrix, selected_sandwich};
 
 /// Pose columns are solved for in blocks of this many scans, which bounds memory where there are thousands.
-const SCANS_A_BLOCK: usize = 64;
+pub(super) const SCANS_A_BLOCK: usize = 64;
 
 /// Covariance entries on the stencil, square metres.
 #[derive(Debug, Clone)]
@@ -145,20 +145,26 @@ fn add_refined_poses(
     let t = w * &spread;
     add_products(&mut marginals.posterior, t.as_ref(), w, 0.5);
 
-    let in_world = |matrix: &Mat<f64>, scale: f64| {
-        (0..poses / 3)
-            .map(|scan| {
-                let block = Matrix3::from_fn(|a, b| scale * matrix[(3 * scan + a, 3 * scan + b)]);
-                let root = fit.objective.sightings.viewpoints[scan].root;
-                root * (block + block.transpose()) * root.transpose() * 0.5
-            })
-            .collect()
-    };
-    Ok(PoseCovariance { propagated: in_world(&q, 1.0), posterior: in_world(&spread, 2.0) })
+    let roots = || fit.objective.sightings.viewpoints.iter().map(|viewpoint| viewpoint.root);
+    Ok(PoseCovariance {
+        propagated: poses_in_world(&q, 1.0, roots()),
+        posterior: poses_in_world(&spread, 2.0, roots()),
+    })
+}
+
+/// Every scan's own block of a covariance in the unknowns `e`, as one in (x, y, theta).
+pub(super) fn poses_in_world(matrix: &Mat<f64>, scale: f64, roots: impl Iterator<Item = Cov3>) -> Vec<Cov3> {
+    roots
+        .enumerate()
+        .map(|(scan, root)| {
+            let block = Matrix3::from_fn(|a, b| scale * matrix[(3 * scan + a, 3 * scan + b)]);
+            root * (block + block.transpose()) * root.transpose() * 0.5
+        })
+        .collect()
 }
 
 /// `S^-1 (2 I + 2 kappa U U^T)`: what a change of the reported poses leaves of itself in the refined ones.
-fn pose_image(s_inverse: &Mat<f64>, modes: &Mat<f64>) -> Mat<f64> {
+pub(super) fn pose_image(s_inverse: &Mat<f64>, modes: &Mat<f64>) -> Mat<f64> {
     s_inverse * faer::Scale(2.0) + s_inverse * gauge::spring(modes)
 }
 
@@ -180,7 +186,7 @@ fn add_products(into: &mut StencilMatrix, a: MatRef<'_, f64>, b: MatRef<'_, f64>
     }
 }
 
-fn stencil_times(matrix: &StencilMatrix, x: MatRef<'_, f64>) -> Mat<f64> {
+pub(super) fn stencil_times(matrix: &StencilMatrix, x: MatRef<'_, f64>) -> Mat<f64> {
     let mut y = Mat::zeros(x.nrows(), x.ncols());
     for column in 0..x.ncols() {
         let dense: Vec<f64> = (0..x.nrows()).map(|row| x[(row, column)]).collect();

@@ -15,6 +15,7 @@
 mod factors;
 mod inputs;
 mod marginals;
+mod vector;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -22,6 +23,7 @@ use thiserror::Error;
 pub use factors::{Factors, Reduced};
 pub use inputs::{CompressedColumns, PoseInputs, RangeInputs};
 pub use marginals::{Marginals, PoseCovariance, marginals};
+pub use vector::{VectorCovariance, VectorMarginals, vector_marginals};
 
 use crate::sparse::SparseError;
 

@@ -6,9 +6,10 @@ use faer::Mat;
 use faer::linalg::solvers::DenseSolveCore;
 
 use super::*;
-use crate::fit::{Fit, FitOptions, Minimum, Newton, Poses, StoppingRule, Weighting, fit, gauge};
+use crate::fit::{Fit, FitOptions, Minimum, Newton, Poses, StoppingRule, VectorFit, Weighting, fit, fit_vector, gauge};
 use crate::scan::LaserScan;
 use crate::sim::Scenario;
+use crate::sparse::StencilMatrix;
 use crate::spline::Lattice;
 
 fn options(poses: Poses) -> FitOptions {
@@ -24,9 +25,11 @@ fn fitted(scans: &[LaserScan], options: &FitOptions) -> Fit {
 /// `M` and `B` as dense matrices.
 fn dense(factors: &Factors) -> (Mat<f64>, Mat<f64>) {
     let h = factors.hessian.to_dense();
-    let (n, p) = (h.nrows(), factors.coupling.columns());
+    let (n, p) = (factors.coefficients(), factors.coupling.columns());
     let mut m = Mat::zeros(n + p, n + p);
-    m.submatrix_mut(0, 0, n, n).copy_from(&h);
+    for k in (0..n).step_by(h.nrows()) {
+        m.submatrix_mut(k, k, h.nrows(), h.nrows()).copy_from(&h);
+    }
     for column in 0..p {
         for (row, value) in factors.coupling.column(column) {
             m[(row, n + column)] = value;
@@ -46,16 +49,13 @@ fn dense(factors: &Factors) -> (Mat<f64>, Mat<f64>) {
     (m, b)
 }
 
-fn check_against_dense(options: FitOptions) {
-    let mut fit = fitted(&Scenario::experiment_one().scans(4), &options);
-    assert!(fit.converged);
-    let (marginals, poses) = marginals(&mut fit).unwrap();
-    let factors = Factors::of(&mut fit).unwrap();
-    let (m, b) = dense(&factors);
+/// The propagated and the posterior covariance of all coefficients.
+fn exact_covariances(factors: &Factors) -> [Mat<f64>; 2] {
+    let (m, b) = dense(factors);
     let inverse = m.partial_piv_lu().inverse();
     let image = &inverse * &b;
     let mut posterior = &inverse * faer::Scale(2.0);
-    let n = fit.surface.lattice.len();
+    let n = factors.coefficients();
     if factors.gauge.ncols() > 0 {
         // The map's answer to a common motion of all poses, whose variance along the gauge is one.
         let h = m.submatrix(0, 0, n, n).to_owned().partial_piv_lu().inverse();
@@ -63,21 +63,68 @@ fn check_against_dense(options: FitOptions) {
         let mut own = posterior.submatrix_mut(0, 0, n, n);
         own += &moved * moved.transpose();
     }
-    let propagated = &image * image.transpose();
-    for (kind, exact) in [(Kind::Propagated, &propagated), (Kind::Posterior, &posterior)] {
-        let entries = marginals.of(kind).stencil().entries().zip(&marginals.of(kind).values);
-        for ((p, q), value) in entries {
+    [&image * image.transpose(), posterior]
+}
+
+/// The stored entries, of rows from `first.0` and columns from `first.1` on, against the exact ones.
+fn check_entries(stored: &StencilMatrix, exact: &Mat<f64>, first: (usize, usize)) {
+    for ((p, q), value) in stored.stencil().entries().zip(&stored.values) {
+        let (p, q) = (first.0 + p, first.1 + q);
+        let scale = (exact[(p, p)] * exact[(q, q)]).sqrt();
+        assert!((value - exact[(p, q)]).abs() <= 1e-9 * scale, "({p}, {q}): {value} for {}", exact[(p, q)]);
+    }
+}
+
+/// A block from the factors, of the first component and the last.
+fn check_block(factors: &Factors, kind: Kind, exact: &Mat<f64>) {
+    let last = factors.coefficients() - 160;
+    let window: Vec<usize> = (100..120).chain(last..last + 20).collect();
+    let block = factors.block(kind, &window).unwrap();
+    for (row, &p) in window.iter().enumerate() {
+        for (column, &q) in window.iter().enumerate() {
             let scale = (exact[(p, p)] * exact[(q, q)]).sqrt();
-            assert!((value - exact[(p, q)]).abs() < 1e-9 * scale, "{kind:?} ({p}, {q})");
+            assert!((block[row * 40 + column] - exact[(p, q)]).abs() <= 1e-9 * scale);
         }
-        let window: Vec<usize> = (100..140).collect();
-        let block = factors.block(kind, &window).unwrap();
-        for (row, &p) in window.iter().enumerate() {
-            for (column, &q) in window.iter().enumerate() {
-                let scale = (exact[(p, p)] * exact[(q, q)]).sqrt();
-                assert!((block[row * 40 + column] - exact[(p, q)]).abs() < 1e-9 * scale);
+    }
+}
+
+fn vector_fitted(poses: Poses) -> VectorFit {
+    let scenario = Scenario::experiment_one();
+    let lattice = Lattice::covering(&scenario.bounds, 0.5, 100_000).unwrap();
+    let options = FitOptions { poses: Some(poses), ..Default::default() };
+    fit_vector(&scenario.scans(4), &scenario.noise, &lattice, &options, &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+#[test]
+fn both_components_of_a_vector_field_agree_with_a_dense_reference() {
+    for poses in [Poses::Fixed, Poses::Refined] {
+        let mut fit = vector_fitted(poses);
+        assert!(fit.converged);
+        let (marginals, _) = vector_marginals(&mut fit).unwrap();
+        let factors = Factors::of_vector(&fit);
+        let n = fit.field[0].lattice.len();
+        for (kind, exact) in [Kind::Propagated, Kind::Posterior].into_iter().zip(&exact_covariances(&factors)) {
+            for (part, first) in marginals.of(kind).parts().into_iter().zip([(0, 0), (0, n), (n, 0), (n, n)]) {
+                check_entries(part, exact, first);
             }
+            check_block(&factors, kind, exact);
         }
+        check_elimination(&factors);
+    }
+}
+
+fn check_against_dense(options: FitOptions) {
+    let mut fit = fitted(&Scenario::experiment_one().scans(4), &options);
+    assert!(fit.converged);
+    let (marginals, poses) = marginals(&mut fit).unwrap();
+    let factors = Factors::of(&mut fit).unwrap();
+    let (m, b) = dense(&factors);
+    let image = m.partial_piv_lu().inverse() * &b;
+    let n = fit.surface.lattice.len();
+    let [propagated, posterior] = exact_covariances(&factors);
+    for (kind, exact) in [(Kind::Propagated, &propagated), (Kind::Posterior, &posterior)] {
+        check_entries(marginals.of(kind), exact, (0, 0));
+        check_block(&factors, kind, exact);
     }
     for (scan, covariance) in poses.propagated.iter().enumerate() {
         let root = fit.objective.sightings.viewpoints[scan].root;

@@ -10,8 +10,8 @@ use tokio::runtime::Handle;
 use uuid::Uuid;
 
 use super::Workshop;
-use crate::fit::{self, FitError, fit};
-use crate::jobs::{JobRequest, MapRecord, ProblemReport, Progress, RequestError};
+use crate::fit::{self, FitError, fit, fit_vector};
+use crate::jobs::{Distance, JobRequest, MapRecord, ProblemReport, Progress, RequestError};
 use crate::map::{ArchiveError, FittedMap, factors_to_npz};
 use crate::store::{Artifacts, ArtifactsError, Claim, MAX_ATTEMPTS, StoreError};
 use crate::uncertainty::{Factors, UncertaintyError};
@@ -122,7 +122,7 @@ fn work(
         name: claim.job.name.clone(),
         labels: claim.job.labels.clone(),
         created: 0,
-        distance: "sdf".into(),
+        distance: map.field.name().into(),
         lattice: map.lattice().clone(),
         fit: map.report.clone(),
         prefix,
@@ -145,12 +145,24 @@ pub fn fit_request(
         report(progress, step, tolerance);
         if stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    let fitted = fit(&request.scans, &request.noise, &request.lattice, &request.options, &mut observer)?;
-    if stop.load(Ordering::Relaxed) {
-        return Err(FitError::Cancelled.into());
+    let JobRequest { scans, noise, lattice, options, .. } = request;
+    let seconds = || began.elapsed().as_secs_f64();
+    let covariance_next = || {
+        set_stage(progress, "covariance", 85.0);
+        if stop.load(Ordering::Relaxed) { Err(FitError::Cancelled) } else { Ok(()) }
+    };
+    match request.distance {
+        Distance::Signed => {
+            let fitted = fit(scans, noise, lattice, options, &mut observer)?;
+            covariance_next()?;
+            Ok(FittedMap::finish(fitted, *noise, seconds)?)
+        }
+        Distance::Vector => {
+            let fitted = fit_vector(scans, noise, lattice, options, &mut observer)?;
+            covariance_next()?;
+            Ok(FittedMap::finish_vector(fitted, *noise, seconds)?)
+        }
     }
-    set_stage(progress, "covariance", 85.0);
-    Ok(FittedMap::finish(fitted, request.noise, || began.elapsed().as_secs_f64())?)
 }
 
 /// Why [`fit_request`] gave no map.

@@ -12,11 +12,17 @@ folder, nx, ny = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
 n = nx * ny
 
 coefficients = np.load(folder / "coefficients.npz")
-sdf = coefficients["sdf"]
-assert sdf.shape == (ny, nx) and sdf.dtype == np.float64, sdf.shape
+# A signed map has one set of coefficients, a vector map stacks two; NaN where a control point is not in use.
+names = [name for name in ("sdf", "vdf_x", "vdf_y") if name in coefficients]
+assert names in (["sdf"], ["vdf_x", "vdf_y"]), names
+assert all(coefficients[name].shape == (ny, nx) and coefficients[name].dtype == np.float64 for name in names)
+values = np.concatenate([coefficients[name].ravel() for name in names])
+used = np.isfinite(values)
+assert used.all() if names == ["sdf"] else np.array_equal(used[:n], used[n:]) and not used.all()
+size = len(values)
 assert coefficients["origin"].shape == (2,) and coefficients["resolution"] == 0.5
 listed = json.loads((folder / "coefficients.json").read_text())
-assert np.array_equal(np.array(listed["sdf"]).reshape(ny, nx), sdf)
+assert all(np.array_equal(np.array(listed[name], float).reshape(ny, nx), coefficients[name], equal_nan=True) for name in names)
 
 # The basis of the contract, evaluated here on its own, against the service's answers.
 query = json.loads((folder / "query.json").read_text())
@@ -35,26 +41,43 @@ def weights(x, y):
 
 
 for kind in ("propagated", "posterior"):
-    diagonal = np.load(folder / f"{kind}-diagonal.npz")["sdf"]
+    diagonal = np.load(folder / f"{kind}-diagonal.npz")
+    diagonal = np.concatenate([diagonal[name].ravel() for name in names])
     sparse = sp.load_npz(folder / f"{kind}-sparse.npz")
     full = np.load(folder / f"{kind}-full.npz")["matrix"]
-    assert sparse.shape == full.shape == (n, n) and diagonal.shape == (ny, nx)
+    assert sparse.shape == full.shape == (size, size)
+    assert np.array_equal(np.isfinite(diagonal), used) and np.array_equal(np.isfinite(full), np.outer(used, used))
+    full = np.where(np.outer(used, used), full, 0.0)
     scale = np.sqrt(np.outer(full.diagonal(), full.diagonal()))
     assert np.allclose(full, full.T, rtol=0, atol=0)
-    assert np.abs(diagonal.ravel() - full.diagonal()).max() <= 1e-9 * full.diagonal().max()
+    assert np.abs(diagonal - full.diagonal())[used].max() <= 1e-9 * full.diagonal().max()
     stored = sparse.tocoo()
     assert (np.abs(stored.data - full[stored.row, stored.col]) / scale[stored.row, stored.col]).max() < 1e-8
-    # Every pair of control points that share a cell is stored.
-    assert all(sparse.indptr[k + 1] > sparse.indptr[k] for k in range(n))
-    i, j = stored.row % nx, stored.row // nx
-    k, m = stored.col % nx, stored.col // nx
+    # Every pair of control points that share a cell is stored, within a component and between components.
+    assert all((sparse.indptr[k + 1] > sparse.indptr[k]) == used[k] for k in range(size))
+    i, j = stored.row % n % nx, stored.row % n // nx
+    k, m = stored.col % n % nx, stored.col % n // nx
     assert np.abs(i - k).max() == 3 and np.abs(j - m).max() == 3
+    assert len({(a // n, b // n) for a, b in zip(stored.row, stored.col)}) == len(names) ** 2
     eigenvalues = np.linalg.eigvalsh(full)
     assert eigenvalues.min() > -1e-9 * eigenvalues.max(), eigenvalues.min()
-    for p, u, sigma in zip(query["points"], query["distance"], query[f"sigma_{kind}"]):
+    for number, p in enumerate(query["points"]):
         row = weights(*p)
-        assert abs(row @ sdf.ravel() - u) < 1e-12
-        assert abs(np.sqrt(row @ full @ row) - sigma) < 1e-7 * sigma, (p, sigma)
+        parts = [np.nan_to_num(values[c * n : (c + 1) * n]) @ row for c in range(len(names))]
+        block = lambda a, b: row @ full[a * n : (a + 1) * n, b * n : (b + 1) * n] @ row
+        answer = query[kind]
+        if names == ["sdf"]:
+            assert abs(parts[0] - answer["distance"][number]) < 1e-12
+            assert abs(np.sqrt(block(0, 0)) - answer["sigma"][number]) < 1e-7 * answer["sigma"][number], p
+            continue
+        assert np.abs(np.array(parts) - answer["vector"][number]).max() < 1e-12, p
+        assert abs(np.hypot(*parts) - answer["distance"][number]) < 1e-12
+        exact = np.array([block(0, 0), block(0, 1), block(1, 1)])
+        assert np.abs(exact - answer["vector_covariance"][number]).max() < 1e-7 * exact.max(), p
+        if np.hypot(*parts) > 0.5 * h:
+            along = np.array(parts) / np.hypot(*parts)
+            sigma = np.sqrt(along[0] ** 2 * exact[0] + 2 * along[0] * along[1] * exact[1] + along[1] ** 2 * exact[2])
+            assert abs(sigma - answer["sigma"][number]) < 1e-6 * sigma
 
 # C = H^-1 B B^T H^-1 from the factors.
 parts = np.load(folder / "factors.npz")
@@ -62,10 +85,11 @@ assemble = lambda name: sp.csc_matrix(
     (parts[f"{name}_data"], parts[f"{name}_indices"], parts[f"{name}_indptr"]), shape=tuple(parts[f"{name}_shape"])
 )
 hessian, inputs = assemble("hessian"), assemble("input")
-assert hessian.shape == (n, n) and inputs.shape[0] == n
-image = spl.splu(hessian).solve(inputs.toarray())
-propagated = np.load(folder / "propagated-full.npz")["matrix"]
+assert hessian.shape == (size, size) and inputs.shape[0] == size
+image = spl.splu(hessian).solve(inputs.toarray())[used]
+propagated = np.load(folder / "propagated-full.npz")["matrix"][np.ix_(used, used)]
 assert np.abs(image @ image.T - propagated).max() < 1e-7 * propagated.diagonal().max()
-posterior = np.load(folder / "posterior-full.npz")["matrix"]
-assert np.abs(2 * np.linalg.inv(hessian.toarray()) - posterior).max() < 1e-7 * posterior.diagonal().max()
+posterior = np.load(folder / "posterior-full.npz")["matrix"][np.ix_(used, used)]
+inverse = np.linalg.inv(hessian.toarray())[np.ix_(used, used)]
+assert np.abs(2 * inverse - posterior).max() < 1e-7 * posterior.diagonal().max()
 print("numpy and scipy agree")

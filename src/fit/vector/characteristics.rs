@@ -1,0 +1,118 @@
+//! Which way the nearest surface lies: the characteristics along which distance grows.
+//!
+//! At a collocation point `x` with the nearest surface point `p`, the field is `x - p` and its direction `(x - p) / |x - p|`;
+//! close to a surface it is the surface's normal. Which of many noisy points is the nearest one is luck, and turns
+//! `x - p`; so the directions from all that are nearly as near are averaged. Where neighbouring points
+//! disagree about `p` by more than their own distance lies the cut locus: the field jumps there, no spline can follow,
+//! and the point is left out.
+
+use rstar::RTree;
+use rstar::primitives::GeomWithData;
+
+use super::surfels::{Surfel, Surfels, turned};
+use crate::geometry::Vec2;
+use crate::spline::Lattice;
+
+/// Collocation points along a cell's side: Gauss-Legendre of order two, in a cell's local coordinates.
+pub const GAUSS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
+
+/// Nearer to a surface than this many cells its normal is the direction.
+const NORMAL_WITHIN: f64 = 0.75;
+/// So many of the nearest surfels are asked; one that is this many cells farther than the nearest counts 1/e.
+const TIES: usize = 24;
+const TIE: f64 = 0.2;
+/// Directions with at least this cosine between them are averaged.
+const ALIKE: f64 = 0.8;
+/// Nearer to a surface's end than this many cells there is no direction away from it.
+const SHORTEST: f64 = 0.05;
+/// Neighbouring collocation points whose nearest surface points are farther apart than this many times their own
+/// distance, plus this many cells, have the cut locus between them.
+const JUMP: f64 = 1.5;
+const SLACK: f64 = 0.5;
+/// Neighbours are looked at this many collocation points away.
+const WINDOW: isize = 3;
+
+/// Directions at the collocation points of every cell; `None` outside the active cells and on the cut locus.
+pub struct Characteristics {
+    directions: Vec<Option<Vec2>>,
+    /// The share of the active collocation points that lie on the cut locus.
+    pub left_out: f64,
+}
+
+struct Foot {
+    place: Vec2,
+    point: Vec2,
+    direction: Vec2,
+}
+
+impl Characteristics {
+    /// `cells` marks the active cells, x fastest.
+    pub fn trace(lattice: &Lattice, surfels: &Surfels, cells: &[bool]) -> Self {
+        let anchors = surfels.all.iter().enumerate().map(|(k, s)| GeomWithData::new(s.anchor.into(), k)).collect();
+        let tree: RTree<GeomWithData<[f64; 2], usize>> = RTree::bulk_load(anchors);
+        let [nx, ny] = lattice.cells;
+        // The collocation points as one grid, 2 nx x 2 ny.
+        let width = 2 * nx;
+        let feet: Vec<Option<Foot>> = (0..width * 2 * ny)
+            .map(|k| {
+                let cell = [k % width / 2, k / width / 2];
+                let local = [GAUSS[k % width % 2], GAUSS[k / width % 2]];
+                cells[lattice.cell_index(cell)]
+                    .then(|| foot(lattice.point(cell, local), surfels, &tree, lattice.resolution))?
+            })
+            .collect();
+        let smooth = |k: usize, own: &Foot| {
+            let (i, j) = ((k % width) as isize, (k / width) as isize);
+            (-WINDOW..=WINDOW).flat_map(|dj| (-WINDOW..=WINDOW).map(move |di| (i + di, j + dj))).all(|(i, j)| {
+                let inside = (0..width as isize).contains(&i) && (0..2 * ny as isize).contains(&j);
+                let other = if inside { feet[i as usize + j as usize * width].as_ref() } else { None };
+                other.is_none_or(|other| {
+                    let allowed = JUMP * (other.place - own.place).norm() + SLACK * lattice.resolution;
+                    (other.point - own.point).norm() <= allowed
+                })
+            })
+        };
+        let directions: Vec<Option<Vec2>> = feet
+            .iter()
+            .enumerate()
+            .map(|(k, foot)| foot.as_ref().filter(|own| smooth(k, own)).map(|own| own.direction))
+            .collect();
+        let active = feet.iter().flatten().count().max(1);
+        let left_out = 1.0 - directions.iter().flatten().count() as f64 / active as f64;
+        Self { directions, left_out }
+    }
+
+    /// The direction at collocation point `(a, b)` of a cell.
+    pub fn at(&self, lattice: &Lattice, cell: [usize; 2], a: usize, b: usize) -> Option<Vec2> {
+        self.directions[2 * cell[0] + a + (2 * cell[1] + b) * 2 * lattice.cells[0]]
+    }
+}
+
+fn foot(x: Vec2, surfels: &Surfels, tree: &RTree<GeomWithData<[f64; 2], usize>>, h: f64) -> Option<Foot> {
+    let mut near = tree.nearest_neighbor_iter(x.into()).take(TIES).map(|at| &surfels.all[at.data]);
+    let nearest = near.next()?;
+    let (point, own) = (nearest_point(nearest, x).0, direction(nearest, x, h));
+    let distance = (x - point).norm();
+    let sum = near.fold(own, |sum, other| {
+        let (farther, way) = ((x - nearest_point(other, x).0).norm() - distance, direction(other, x, h));
+        if way.dot(&own) > ALIKE { sum + way * (-farther.max(0.0) / (TIE * h)).exp() } else { sum }
+    });
+    Some(Foot { place: x, point, direction: sum.normalize() })
+}
+
+/// The direction from a surfel to `x`.
+fn direction(surfel: &Surfel, x: Vec2, h: f64) -> Vec2 {
+    let (point, ends) = nearest_point(surfel, x);
+    let least = if ends { SHORTEST } else { NORMAL_WITHIN };
+    let normal = surfel.normal * surfel.normal.dot(&(x - point)).signum();
+    (x - point).try_normalize(least * h).unwrap_or(normal)
+}
+
+/// The point of a surfel nearest to `x`, and whether that is an end of its surface.
+fn nearest_point(surfel: &Surfel, x: Vec2) -> (Vec2, bool) {
+    let tangent = turned(surfel.normal);
+    let wished = tangent.dot(&(x - surfel.anchor));
+    let along = wished.clamp(-surfel.reach[0], surfel.reach[1]);
+    let ends = (wished < along && !surfel.goes_on[0]) || (wished > along && !surfel.goes_on[1]);
+    (surfel.anchor + tangent * along, ends)
+}

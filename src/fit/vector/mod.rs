@@ -1,0 +1,198 @@
+//! The fit of a vector distance function: two surfaces `V = (V_x, V_y)`, `V(x) = x - nearest surface point`.
+//!
+//! The published objective asks for `|grad |V|| = 1` and `V.V = 0` at returns. It does not change when `V` is turned, so its
+//! Hessian is singular, and at the wall, where `V` vanishes, its weights are unbounded. Ours asks for the vector form of
+//! the same law. Along a characteristic `n`, the line from the nearest surface point, `V` grows by its own direction:
+//!
+//! ```text
+//! f(V) = sum over surfels  W |V(a) + delta n|^2
+//!      + integral of       rho_e |(n . grad) V - n|^2      off the cut locus
+//!      + integral of       lambda (thin-plate energy of V_x and of V_y)
+//! ```
+//!
+//! `(n . grad) V = n` fixes the turn. With surfels ([`surfels`]) and directions ([`characteristics`]) taken from the
+//! returns, `f` is quadratic and both components have the same Hessian: positive definite wherever there is evidence,
+//! one minimum, one factorisation. The tangential part of `V` at a surfel vanishes with the same weight as the normal
+//! one misses `-delta`. There is no factor 1/2.
+
+mod characteristics;
+mod normals;
+mod objective;
+mod surfels;
+
+use std::ops::ControlFlow;
+
+use faer::Mat;
+use nalgebra::Vector3;
+
+pub use characteristics::Characteristics;
+pub use objective::VectorObjective;
+pub use surfels::{Surfel, Surfels, Witness};
+
+use super::{
+    Bordered, FitError, FitOptions, Minimum, Poses, Progress, Viewpoint, Weights, gauge, information, viewpoints,
+};
+use crate::geometry::{Pose, Vec2};
+use crate::scan::{Evidence, LaserScan, Noise, Return, returns_of};
+use crate::sparse::{Cholesky, SparseError, Stencil};
+use crate::spline::{Lattice, Surface};
+
+/// Control points are active where evidence is at most this many cells away.
+const DEFAULT_BAND: usize = 2;
+/// Refining poses takes this many numbers at most (coefficients x pose unknowns).
+const LARGEST_BORDER: usize = 20_000_000;
+/// The thin-plate weight: a field jumps at the cut locus, and what is stiff there pulls at everything beside it.
+const SMOOTHING: f64 = 0.1;
+/// What a spline cannot follow of walls with jambs and ends, as a share of its spacing.
+const MODEL_SIGMA_SHARE: f64 = 0.05;
+/// How often surfels are gathered anew around better poses at most.
+const MOST_ROUNDS: usize = 12;
+/// Poses have settled where no return moves by more than this many cells: surfels are as good as gathered around them.
+const SETTLED: f64 = 0.02;
+
+/// A vector fit at its end.
+pub struct VectorFit {
+    /// `V_x` and `V_y`; NaN at control points that are not active.
+    pub field: [Surface; 2],
+    pub evidence: Evidence,
+    pub minimum: Minimum,
+    pub weights: Weights,
+    /// Stationary within tolerance, and the poses have settled.
+    pub converged: bool,
+    pub surfels: Surfels,
+    pub objective: VectorObjective,
+    /// Holds the factor of the objective's Hessian.
+    pub cholesky: Cholesky,
+    pub viewpoints: Vec<Viewpoint>,
+    pub poses: Vec<Pose>,
+    /// Where the fit's poses put the returns.
+    pub returns: Vec<Vec2>,
+    /// The share of the collocation points that lie on the cut locus and were left out.
+    pub left_out: f64,
+}
+
+/// Fits a vector distance function.
+pub fn fit_vector(
+    scans: &[LaserScan],
+    noise: &Noise,
+    lattice: &Lattice,
+    options: &FitOptions,
+    observer: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
+) -> Result<VectorFit, FitError> {
+    let mut returns: Vec<Return> =
+        returns_of(scans).into_iter().filter(|seen| lattice.locate(seen.point).is_some()).collect();
+    if returns.is_empty() {
+        return Err(FitError::NoEvidence);
+    }
+    let refinable = 2 * lattice.len() * 3 * scans.len() <= LARGEST_BORDER;
+    let weights = vector_weights(options, lattice, refinable, information(lattice, &returns, noise.sigma_range));
+    let viewpoints = self::viewpoints_of(scans, noise, &weights)?;
+    let unknowns = if weights.poses == Poses::Refined { 3 * scans.len() } else { 0 };
+    let modes = if unknowns > 0 { gauge::common_motion(&viewpoints) } else { Mat::zeros(0, 0) };
+    let evidence = Evidence::gather(lattice, scans);
+    let cells = evidence.cells_within(lattice, DEFAULT_BAND);
+    let stencil = Stencil::over(lattice, active_points(lattice, &cells));
+    let mut cholesky = Cholesky::analyse(&stencil)?;
+    let rounds = if unknowns > 0 { MOST_ROUNDS.min(options.max_iterations) } else { 1 };
+    let mut e = vec![0.0; unknowns];
+    let mut progress = Progress { iteration: 0, max_iterations: rounds, objective: f64::NAN, relative_gradient: 1.0 };
+    loop {
+        if observer(&progress).is_break() {
+            return Err(FitError::Cancelled);
+        }
+        let normals = normals::outward(&returns, lattice.resolution);
+        let surfels = Surfels::gather(&returns, &normals, &viewpoints, lattice.resolution);
+        let traced = Characteristics::trace(lattice, &surfels, &cells);
+        let at = (&e[..], modes.clone());
+        let objective = VectorObjective::assemble(lattice, stencil.clone(), &surfels, &traced, &cells, &weights, at);
+        let border = Bordered::factorise(&objective.system, &mut cholesky).map_err(|error| match error {
+            SparseError::NotPositiveDefinite => FitError::NotFinite,
+            other => other.into(),
+        })?;
+        let downhill: Vec<f64> = objective.system.gradient.iter().map(|slope| -slope).collect();
+        let mut z = border.solve_checked(&objective.system, &mut cholesky, &downhill)?;
+        let minimum = objective.minimum(&z);
+        let moved = z.split_off(2 * lattice.len());
+        let y = z.split_off(lattice.len());
+        e = moved;
+        let poses = corrected(scans, &viewpoints, &e);
+        let change = place(&mut returns, scans, &poses) / lattice.resolution;
+        progress.iteration += 1;
+        progress.objective = minimum.objective;
+        progress.relative_gradient = change.max(minimum.relative_gradient);
+        if change > SETTLED && progress.iteration < rounds {
+            continue;
+        }
+        return Ok(VectorFit {
+            field: [z, y].map(|c| surface(lattice, &stencil, c)),
+            evidence,
+            converged: minimum.relative_gradient <= options.tolerance && change <= SETTLED,
+            minimum: Minimum { iterations: progress.iteration, factorisations: progress.iteration, ..minimum },
+            weights,
+            surfels,
+            objective,
+            cholesky,
+            viewpoints,
+            returns: returns.iter().map(|seen| seen.point).collect(),
+            poses,
+            left_out: traced.left_out,
+        });
+    }
+}
+
+fn vector_weights(options: &FitOptions, lattice: &Lattice, refinable: bool, information: f64) -> Weights {
+    let mut weights = Weights::resolve(options, lattice.resolution, refinable, information);
+    weights.observation = "surfels".into();
+    weights.eikonal_scale = None;
+    weights.smoothing = options.smoothing.unwrap_or(SMOOTHING);
+    weights.model_sigma = options.model_sigma.unwrap_or(MODEL_SIGMA_SHARE * lattice.resolution);
+    weights
+}
+
+/// Viewpoints whose returns have the ranges' noise alone where poses are unknowns.
+fn viewpoints_of(scans: &[LaserScan], noise: &Noise, weights: &Weights) -> Result<Vec<Viewpoint>, FitError> {
+    let mut viewpoints = viewpoints(scans, noise, weights.model_sigma)?;
+    if weights.poses == Poses::Refined {
+        viewpoints.iter_mut().for_each(|viewpoint| viewpoint.noise.pose = None);
+    }
+    Ok(viewpoints)
+}
+
+fn corrected(scans: &[LaserScan], viewpoints: &[Viewpoint], e: &[f64]) -> Vec<Pose> {
+    scans
+        .iter()
+        .zip(viewpoints)
+        .enumerate()
+        .map(|(scan, (laser, viewpoint))| match e.get(3 * scan..3 * scan + 3) {
+            Some(e) => {
+                let change = viewpoint.root * Vector3::from_column_slice(e);
+                Pose::new(laser.pose.x + change.x, laser.pose.y + change.y, laser.pose.theta + change.z)
+            }
+            None => laser.pose,
+        })
+        .collect()
+}
+
+/// Puts the returns where the poses say, and tells how far the farthest moved, metres.
+fn place(returns: &mut [Return], scans: &[LaserScan], poses: &[Pose]) -> f64 {
+    returns.iter_mut().fold(0.0, |farthest: f64, seen| {
+        let (pose, before) = (&poses[seen.scan], seen.point);
+        seen.direction = pose.direction(scans[seen.scan].bearing(seen.beam));
+        seen.point = pose.position() + seen.direction * seen.range;
+        farthest.max((seen.point - before).norm())
+    })
+}
+
+fn surface(lattice: &Lattice, stencil: &Stencil, mut coefficients: Vec<f64>) -> Surface {
+    coefficients.iter_mut().enumerate().filter(|(k, _)| !stencil.is_active(*k)).for_each(|(_, c)| *c = f64::NAN);
+    Surface { lattice: lattice.clone(), coefficients }
+}
+
+/// The control points of the marked cells.
+fn active_points(lattice: &Lattice, cells: &[bool]) -> Vec<bool> {
+    let mut active = vec![false; lattice.len()];
+    for (k, _) in cells.iter().enumerate().filter(|(_, marked)| **marked) {
+        lattice.support([k % lattice.cells[0], k / lattice.cells[0]]).iter().for_each(|&point| active[point] = true);
+    }
+    active
+}

@@ -1,0 +1,250 @@
+//! Returns gathered into surfels: short pieces of surface, each with a place, a normal and how far the returns lie off it.
+//!
+//! Asking a field to vanish at every scattered return flattens it (errors in variables), and costs a row a return. Here the
+//! returns of a small square that face one way become one row. Its anchor `a` and normal `n` are the neighbourhood's
+//! consensus, a weighted local line (Cleveland's LOESS across the surface), and its returns say where along `n` the
+//! surface lies:
+//!
+//! ```text
+//! delta = sum over scans w_s n.(mean of its returns - a) / W        W = sum of w_s
+//! 1 / w_s = sigma_r^2 mean (n.d)^2 / count + |R^T J^T n|^2 + sigma_m^2
+//! ```
+//!
+//! The scatter is in `delta`, a number that a fit is held against, and not in where it is held. The returns of one scan
+//! share its pose's error, so however many they are, they count as one witness. A wall seen from both sides has
+//! surfels of its own on each face.
+
+use std::ops::Range;
+
+use nalgebra::Vector3;
+use rstar::RTree;
+use rstar::primitives::GeomWithData;
+
+use super::super::sightings::Viewpoint;
+use crate::geometry::{Cov2, Vec2};
+use crate::scan::Return;
+
+/// Squares along a lattice cell's side in which returns are gathered.
+const SQUARES: f64 = 4.0;
+/// Directions that are told apart within a square.
+const SECTORS: f64 = 8.0;
+/// The local line's kernel, in cells: its standard deviation, and where it ends.
+const KERNEL: f64 = 0.5;
+const KERNEL_END: f64 = 1.25;
+/// Normals with at least this cosine between them belong to one surface.
+const ALIKE: f64 = 0.8;
+/// Surfels of one surface farther apart than this many cells leave a gap between them.
+const LONGEST_JOIN: f64 = 2.0;
+/// A piece of surface that nothing adjoins reaches this many cells to that side.
+const LONELY_REACH: f64 = 0.125;
+
+/// A piece of surface; see the module.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Surfel {
+    pub anchor: Vec2,
+    /// Unit, away from the scanner.
+    pub normal: Vec2,
+    /// How far the piece reaches along the surface, against and along the normal's quarter turn, metres.
+    pub reach: [f64; 2],
+    /// Whether the surface goes on beyond that.
+    pub goes_on: [bool; 2],
+    /// `delta`, metres.
+    pub offset: f64,
+    /// `W`, per square metre.
+    pub weight: f64,
+    witnesses: Range<usize>,
+}
+
+/// What one scan's returns know of a surfel's place along its normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Witness {
+    pub scan: usize,
+    /// `delta` by this scan alone, metres.
+    pub offset: f64,
+    /// `w_s`, per square metre.
+    pub weight: f64,
+    /// The variance that the ranges give to `offset`, square metres.
+    pub range_variance: f64,
+    /// The derivative of `offset` by the scan's three pose unknowns.
+    pub by_pose: Vector3<f64>,
+}
+
+/// All surfels of a job.
+#[derive(Debug, Clone, Default)]
+pub struct Surfels {
+    pub all: Vec<Surfel>,
+    witnesses: Vec<Witness>,
+}
+
+/// The quarter turn of a vector, counter-clockwise.
+pub(super) fn turned(v: Vec2) -> Vec2 {
+    Vec2::new(-v.y, v.x)
+}
+
+/// The returns of one scan in one square: their sums.
+struct Group {
+    scan: usize,
+    count: f64,
+    mean: Vec2,
+    /// The mean of `d d^T`.
+    along: Cov2,
+}
+
+/// One square's returns that face one way.
+struct Patch {
+    center: Vec2,
+    normal: Vec2,
+    groups: Range<usize>,
+    /// `W` for the first normal: what the consensus weighs it by.
+    weight: f64,
+}
+
+impl Surfels {
+    /// Gathers returns. `h` is the lattice's resolution, `normals` has a unit vector a return, away from its scanner.
+    pub fn gather(returns: &[Return], normals: &[Vec2], viewpoints: &[Viewpoint], h: f64) -> Self {
+        let (patches, groups) = patches(returns, normals, viewpoints, h);
+        let places = patches.iter().enumerate().map(|(k, patch)| GeomWithData::new(patch.center.into(), k)).collect();
+        let tree: RTree<GeomWithData<[f64; 2], usize>> = RTree::bulk_load(places);
+        let mut surfels = Self::default();
+        for patch in &patches {
+            let (anchor, normal) = consensus(patch, &patches, &tree, h);
+            let next = neighbours(anchor, normal, &patches, &tree, h);
+            surfels.push((anchor, normal), (next, LONELY_REACH * h), &groups[patch.groups.clone()], viewpoints);
+        }
+        surfels
+    }
+
+    /// What the scans know of a surfel, one by one.
+    pub fn witnesses(&self, surfel: &Surfel) -> &[Witness] {
+        &self.witnesses[surfel.witnesses.clone()]
+    }
+
+    fn push(
+        &mut self,
+        (anchor, normal): (Vec2, Vec2),
+        (next, lonely_reach): ([Option<f64>; 2], f64),
+        groups: &[Group],
+        viewpoints: &[Viewpoint],
+    ) {
+        let first = self.witnesses.len();
+        self.witnesses.extend(groups.iter().map(|group| Witness::of(group, anchor, normal, viewpoints)));
+        let own = &self.witnesses[first..];
+        let weight: f64 = own.iter().map(|witness| witness.weight).sum();
+        let offset = own.iter().map(|witness| witness.weight * witness.offset).sum::<f64>() / weight;
+        let reach = next.map(|t| t.map_or(lonely_reach, |t| 0.5 * t));
+        let goes_on = next.map(|t| t.is_some());
+        self.all.push(Surfel {
+            anchor,
+            normal,
+            reach,
+            goes_on,
+            offset,
+            weight,
+            witnesses: first..self.witnesses.len(),
+        });
+    }
+}
+
+impl Witness {
+    fn of(group: &Group, anchor: Vec2, normal: Vec2, viewpoints: &[Viewpoint]) -> Self {
+        let viewpoint = &viewpoints[group.scan];
+        let arm = turned(group.mean - viewpoint.position);
+        let by_pose = viewpoint.root.transpose() * Vector3::new(normal.x, normal.y, normal.dot(&arm));
+        let range_variance = viewpoint.noise.range_variance * normal.dot(&(group.along * normal)) / group.count;
+        let own = if viewpoint.noise.pose.is_some() { by_pose.norm_squared() } else { 0.0 };
+        let weight = 1.0 / (range_variance + own + viewpoint.noise.model_variance);
+        Self { scan: group.scan, offset: normal.dot(&(group.mean - anchor)), weight, range_variance, by_pose }
+    }
+}
+
+fn patches(returns: &[Return], normals: &[Vec2], viewpoints: &[Viewpoint], h: f64) -> (Vec<Patch>, Vec<Group>) {
+    let side = h / SQUARES;
+    let key = |k: usize| {
+        let (p, n) = (returns[k].point, normals[k]);
+        let sector = (n.y.atan2(n.x) / std::f64::consts::TAU * SECTORS).round().rem_euclid(SECTORS);
+        ((p.y / side).floor() as i64, (p.x / side).floor() as i64, sector as u8)
+    };
+    let mut order: Vec<_> = (0..returns.len()).map(|k| (key(k), returns[k].scan, k)).collect();
+    order.sort_unstable();
+    let (mut patches, mut groups) = (Vec::new(), Vec::new());
+    for square in order.chunk_by(|a, b| a.0 == b.0) {
+        let first = groups.len();
+        let facing: Vec2 = square.iter().map(|&(_, _, k)| normals[k]).sum();
+        let normal = facing.try_normalize(1e-9).unwrap_or(normals[square[0].2]);
+        groups
+            .extend(square.chunk_by(|a, b| a.1 == b.1).map(|own| group(own[0].1, own.iter().map(|at| &returns[at.2]))));
+        let weights = groups[first..].iter().map(|group| Witness::of(group, group.mean, normal, viewpoints).weight);
+        let (mut weight, mut center) = (0.0, Vec2::zeros());
+        for (own, group) in weights.zip(&groups[first..]) {
+            weight += own;
+            center += group.mean * own;
+        }
+        patches.push(Patch { center: center / weight, normal, groups: first..groups.len(), weight });
+    }
+    (patches, groups)
+}
+
+fn group<'a>(scan: usize, own: impl Iterator<Item = &'a Return>) -> Group {
+    let mut group = Group { scan, count: 0.0, mean: Vec2::zeros(), along: Cov2::zeros() };
+    for seen in own {
+        group.count += 1.0;
+        group.mean += seen.point;
+        group.along += seen.direction * seen.direction.transpose();
+    }
+    group.mean /= group.count;
+    group.along /= group.count;
+    group
+}
+
+/// The local line through a patch's neighbourhood: a point of it near the patch, and its normal.
+fn consensus(patch: &Patch, patches: &[Patch], tree: &RTree<GeomWithData<[f64; 2], usize>>, h: f64) -> (Vec2, Vec2) {
+    let (mut anchor, mut normal) = (patch.center, patch.normal);
+    for _ in 0..2 {
+        let tangent = turned(normal);
+        // Weighted sums of 1, t, t^2, s and t s.
+        let mut sums = [0.0; 5];
+        for near in tree.locate_within_distance(anchor.into(), (KERNEL_END * h).powi(2)) {
+            let other = &patches[near.data];
+            if other.normal.dot(&normal) < ALIKE {
+                continue;
+            }
+            let apart = other.center - anchor;
+            let weight = other.weight * (-apart.norm_squared() / (2.0 * (KERNEL * h).powi(2))).exp();
+            let (s, t) = (normal.dot(&apart), tangent.dot(&apart));
+            [1.0, t, t * t, s, t * s].iter().zip(&mut sums).for_each(|(term, sum)| *sum += weight * term);
+        }
+        let [one, t, tt, s, ts] = sums;
+        if one <= 0.0 {
+            break;
+        }
+        // A ridge on the slope: a few returns in one place say nothing about direction.
+        let spread = tt - t * t / one + one * (0.05 * h).powi(2);
+        let slope = (ts - t * s / one) / spread;
+        anchor += normal * ((s - slope * t) / one);
+        normal = (normal - tangent * slope).normalize();
+    }
+    (anchor, normal)
+}
+
+/// How far the next patch of the same surface is on either side.
+fn neighbours(
+    anchor: Vec2,
+    normal: Vec2,
+    patches: &[Patch],
+    tree: &RTree<GeomWithData<[f64; 2], usize>>,
+    h: f64,
+) -> [Option<f64>; 2] {
+    let mut next = [f64::INFINITY; 2];
+    for near in tree.locate_within_distance(anchor.into(), (LONGEST_JOIN * h).powi(2)) {
+        let other = &patches[near.data];
+        let apart = other.center - anchor;
+        let t = turned(normal).dot(&apart);
+        if other.normal.dot(&normal) >= ALIKE && normal.dot(&apart).abs() <= h.min(0.5 * h + 0.3 * t.abs()) {
+            let side = usize::from(t > 0.0);
+            if t.abs() > 1e-3 * h {
+                next[side] = next[side].min(t.abs());
+            }
+        }
+    }
+    next.map(|t| t.is_finite().then_some(t))
+}
