@@ -50,7 +50,8 @@ impl Demo {
 
         let scenario = Scenario::experiment_one();
         let scans = scenario.scans(1);
-        let request = to_request(&scans, &scenario.noise, Some("L-shaped room"), ("sdf", scenario.resolution)).to_string();
+        let request =
+            to_request(&scans, &scenario.noise, Some("L-shaped room"), ("sdf", scenario.resolution)).to_string();
         write(&self.out, "job.json", request.as_bytes())?;
         println!("submitting {folder}/job.json: {} simulated scans of an L-shaped room", scans.len());
         let client = Client::new(&url);

@@ -68,7 +68,7 @@ fn crossings(map: &FittedMap, samples: &Samples) -> BTreeMap<Edge, Vec2> {
 
 /// The direction of fastest growth where the field looks like a wall and a surface was met.
 fn wall_normal(map: &FittedMap, p: Vec2) -> Option<Vec2> {
-    let at = map.field.vector(p).filter(|at| at.is_wall_like())?;
+    let at = map.field.vector(p).filter(|at| at.divergence() > 0.0)?;
     if !map.evidence.at(map.lattice(), p).surface {
         return None;
     }

@@ -143,7 +143,8 @@ impl Drop for Server {
 /// Experiment 1's job for a draw of the noise.
 pub fn experiment_one(seed: u64) -> Value {
     let scenario = Scenario::experiment_one();
-    let mut request = to_request(&scenario.scans(seed), &scenario.noise, Some("experiment 1"), ("sdf", scenario.resolution));
+    let mut request =
+        to_request(&scenario.scans(seed), &scenario.noise, Some("experiment 1"), ("sdf", scenario.resolution));
     request["map"]["bounds"] = serde_json::json!({"min": scenario.bounds.min, "max": scenario.bounds.max});
     request
 }

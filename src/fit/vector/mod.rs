@@ -18,6 +18,7 @@
 mod characteristics;
 mod normals;
 mod objective;
+mod standing;
 mod surfels;
 
 use std::ops::ControlFlow;
@@ -69,6 +70,8 @@ pub struct VectorFit {
     pub returns: Vec<Vec2>,
     /// The share of the collocation points that lie on the cut locus and were left out.
     pub left_out: f64,
+    /// The share of the returns that were left out because beams of other scans passed where they were.
+    pub seen_through: f64,
 }
 
 /// Fits a vector distance function.
@@ -95,13 +98,15 @@ pub fn fit_vector(
     let mut cholesky = Cholesky::analyse(&stencil)?;
     let rounds = if unknowns > 0 { MOST_ROUNDS.min(options.max_iterations) } else { 1 };
     let mut e = vec![0.0; unknowns];
+    let mut poses: Vec<Pose> = scans.iter().map(|scan| scan.pose).collect();
     let mut progress = Progress { iteration: 0, max_iterations: rounds, objective: f64::NAN, relative_gradient: 1.0 };
     loop {
         if observer(&progress).is_break() {
             return Err(FitError::Cancelled);
         }
         let normals = normals::outward(&returns, lattice.resolution);
-        let surfels = Surfels::gather(&returns, &normals, &viewpoints, lattice.resolution);
+        let mut surfels = Surfels::gather(&returns, &normals, &viewpoints, lattice.resolution);
+        let left_alone = surfels.keep(&standing::standing(&surfels, scans, &poses, lattice.resolution));
         let traced = Characteristics::trace(lattice, &surfels, &cells);
         let at = (&e[..], modes.clone());
         let objective = VectorObjective::assemble(lattice, stencil.clone(), &surfels, &traced, &cells, &weights, at);
@@ -115,7 +120,7 @@ pub fn fit_vector(
         let moved = z.split_off(2 * lattice.len());
         let y = z.split_off(lattice.len());
         e = moved;
-        let poses = corrected(scans, &viewpoints, &e);
+        poses = corrected(scans, &viewpoints, &e);
         let change = place(&mut returns, scans, &poses) / lattice.resolution;
         progress.iteration += 1;
         progress.objective = minimum.objective;
@@ -136,6 +141,7 @@ pub fn fit_vector(
             returns: returns.iter().map(|seen| seen.point).collect(),
             poses,
             left_out: traced.left_out,
+            seen_through: 1.0 - left_alone,
         });
     }
 }

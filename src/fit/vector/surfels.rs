@@ -59,6 +59,8 @@ pub struct Surfel {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Witness {
     pub scan: usize,
+    /// Its returns.
+    pub count: f64,
     /// `delta` by this scan alone, metres.
     pub offset: f64,
     /// `w_s`, per square metre.
@@ -114,6 +116,17 @@ impl Surfels {
         surfels
     }
 
+    /// Drops the surfels without a mark, and gives the share of the returns that stay.
+    pub fn keep(&mut self, marks: &[bool]) -> f64 {
+        let count = |own: &[Surfel], witnesses: &[Witness]| -> f64 {
+            own.iter().flat_map(|surfel| &witnesses[surfel.witnesses.clone()]).map(|witness| witness.count).sum()
+        };
+        let before = count(&self.all, &self.witnesses);
+        let mut mark = marks.iter();
+        self.all.retain(|_| mark.next().copied().unwrap_or(true));
+        count(&self.all, &self.witnesses) / before
+    }
+
     /// What the scans know of a surfel, one by one.
     pub fn witnesses(&self, surfel: &Surfel) -> &[Witness] {
         &self.witnesses[surfel.witnesses.clone()]
@@ -153,7 +166,14 @@ impl Witness {
         let range_variance = viewpoint.noise.range_variance * normal.dot(&(group.along * normal)) / group.count;
         let own = if viewpoint.noise.pose.is_some() { by_pose.norm_squared() } else { 0.0 };
         let weight = 1.0 / (range_variance + own + viewpoint.noise.model_variance);
-        Self { scan: group.scan, offset: normal.dot(&(group.mean - anchor)), weight, range_variance, by_pose }
+        Self {
+            scan: group.scan,
+            count: group.count,
+            offset: normal.dot(&(group.mean - anchor)),
+            weight,
+            range_variance,
+            by_pose,
+        }
     }
 }
 

@@ -1,0 +1,56 @@
+//! What stands, and what only stood there for a while: people, doors, reflections in glass.
+//!
+//! A vector field explains a stray return by a small surface around it, and no robust loss on residuals objects. But beams
+//! of other scans passed through where a person was. A surfel stands where at least [`LEAST_STOPPED`] of the scans that
+//! looked at it squarely were stopped there; the others saw farther. Beams that only graze its surface are not asked:
+//! they run beside walls.
+
+use super::surfels::{Surfel, Surfels};
+use crate::geometry::{Pose, wrap_angle};
+use crate::scan::LaserScan;
+
+/// The share of scans that a standing surface stops.
+const LEAST_STOPPED: f64 = 0.4;
+/// A beam that meets a surface at less than this sine grazes it.
+const SQUARE: f64 = 0.35;
+/// A beam passes a surfel when it goes on for this many cells more.
+const MARGIN: f64 = 1.0;
+
+/// A mark a surfel: whether it stands.
+pub fn standing(surfels: &Surfels, scans: &[LaserScan], poses: &[Pose], h: f64) -> Vec<bool> {
+    let reach: Vec<f64> = scans
+        .iter()
+        .map(|scan| (0..scan.ranges.len()).filter_map(|beam| scan.range(beam)).fold(0.0, f64::max))
+        .collect();
+    let stands = |surfel: &Surfel| {
+        let stopped = surfels.witnesses(surfel).len() as f64;
+        let most_passes = stopped * (1.0 / LEAST_STOPPED - 1.0);
+        let mut passes = 0.0;
+        for ((scan, pose), reach) in scans.iter().zip(poses).zip(&reach) {
+            passes += f64::from(u8::from(passed(surfel, scan, pose, *reach, MARGIN * h)));
+            if passes > most_passes {
+                return false;
+            }
+        }
+        true
+    };
+    surfels.all.iter().map(stands).collect()
+}
+
+/// Whether the beams on either side of a surfel went on behind it.
+fn passed(surfel: &Surfel, scan: &LaserScan, pose: &Pose, reach: f64, margin: f64) -> bool {
+    let offset = surfel.anchor - pose.position();
+    let distance = offset.norm();
+    if distance + margin >= reach || surfel.normal.dot(&offset).abs() < SQUARE * distance {
+        return false;
+    }
+    let middle = (scan.ranges.len() as f64 - 1.0) / 2.0;
+    let from_middle =
+        wrap_angle(offset.y.atan2(offset.x) - pose.theta - scan.bearing(0) - middle * scan.angle_increment);
+    let beam = middle + from_middle / scan.angle_increment;
+    if !(0.0..=2.0 * middle).contains(&beam) {
+        return false;
+    }
+    let beyond = |beam: f64| scan.range(beam as usize).is_some_and(|range| range > distance + margin);
+    beyond(beam.floor()) && beyond(beam.ceil())
+}
