@@ -145,6 +145,12 @@ pub struct FitBody {
     seconds: f64,
     #[schema(value_type = Object)]
     weights: Value,
+    /// vdf: the share of the returns left out because beams of other scans passed where they were.
+    seen_through: Option<f64>,
+    /// vdf: the share of the space fitted that lies at the cut locus, where the field jumps.
+    cut_locus: Option<f64>,
+    /// vdf: the control points in use; the others are null.
+    active_control_points: Option<u32>,
 }
 
 /// A map's coefficients, x fastest.

@@ -39,6 +39,15 @@ pub struct FitReport {
     /// How long the fit and its covariance took.
     pub seconds: f64,
     pub weights: Weights,
+    /// Of a vector map: the share of the returns left out because beams of other scans passed where they were.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seen_through: Option<f64>,
+    /// Of a vector map: the share of the space fitted that lies at the cut locus, where the field jumps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cut_locus: Option<f64>,
+    /// Of a vector map: the control points in use.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub active_control_points: Option<usize>,
 }
 
 /// A finished map.
@@ -92,7 +101,12 @@ impl FittedMap {
         let (marginals, pose_covariance) = vector_marginals(&mut fit)?;
         let factors = Factors::of_vector(&fit);
         let (weighting, observations) = (Weighting::Calibrated, fit.returns.len());
-        let report = FitReport::of(weighting, fit.converged, fit.minimum, observations, fit.weights, seconds());
+        let report = FitReport {
+            seen_through: Some(fit.seen_through),
+            cut_locus: Some(fit.left_out),
+            active_control_points: Some(fit.cholesky.stencil().active_len()),
+            ..FitReport::of(weighting, fit.converged, fit.minimum, observations, fit.weights, seconds())
+        };
         let map = Self {
             field: Field::Vector { components: fit.field, marginals: Box::new(marginals) },
             evidence: fit.evidence,
@@ -131,6 +145,9 @@ impl FitReport {
             observations,
             seconds,
             weights,
+            seen_through: None,
+            cut_locus: None,
+            active_control_points: None,
         }
     }
 }

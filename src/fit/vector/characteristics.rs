@@ -116,3 +116,27 @@ fn nearest_point(surfel: &Surfel, x: Vec2) -> (Vec2, bool) {
     let ends = (wished < along && !surfel.goes_on[0]) || (wished > along && !surfel.goes_on[1]);
     (surfel.anchor + tangent * along, ends)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::vector::tests::corridor;
+    use crate::geometry::Bounds;
+
+    #[test]
+    fn a_corridor_is_crossed_straight_and_its_middle_left_out() {
+        let (_, surfels) = corridor(&[]);
+        let lattice = Lattice::covering(&Bounds { min: [2.0, 0.0], max: [6.0, 2.0] }, 0.25, 10_000).unwrap();
+        let traced = Characteristics::trace(&lattice, &surfels, &vec![true; lattice.cell_count()]);
+        let mut straight = 0;
+        for (i, j) in (0..lattice.cells[0]).flat_map(|i| (0..lattice.cells[1]).map(move |j| (i, j))) {
+            let y = lattice.point([i, j], [0.5, GAUSS[0]]).y;
+            match traced.at(&lattice, [i, j], 0, 0) {
+                Some(direction) if (y - 1.0).abs() > 0.3 => straight += usize::from(direction.y.abs() > 0.99),
+                Some(_) => assert!((y - 1.0).abs() > 0.1, "the field jumps at {y}"),
+                None => assert!((y - 1.0).abs() < 0.6, "nothing jumps at {y}"),
+            }
+        }
+        assert!(straight > 50 && traced.left_out > 0.2 && traced.left_out < 0.7);
+    }
+}

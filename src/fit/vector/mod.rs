@@ -202,3 +202,50 @@ fn active_points(lattice: &Lattice, cells: &[bool]) -> Vec<bool> {
     }
     active
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::{Lidar, World, simulate};
+
+    /// A corridor along x, 2 m wide, seen from eight places. People are in the way of one scan each.
+    pub(super) fn corridor(people: &[Vec2]) -> (Vec<LaserScan>, Surfels) {
+        let lidar = Lidar::of_degrees(541, 270.0);
+        let noise = Noise { sigma_x: 0.001, sigma_y: 0.001, sigma_theta: 1e-4, sigma_range: 0.005 };
+        let empty = World::room(&[[-4.0, 0.0], [12.0, 0.0], [12.0, 2.0], [-4.0, 2.0]]);
+        let scans: Vec<LaserScan> = (0..8)
+            .flat_map(|k| {
+                let mut world = empty.clone();
+                if let Some(p) = people.get(k) {
+                    let corner = |x: f64, y: f64| p + Vec2::new(x, y) * 0.2;
+                    world.pillars =
+                        vec![vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)]];
+                }
+                let turn = if k % 2 == 0 { 0.1 } else { 3.0 };
+                simulate(&world, &lidar, &[Pose::new(k as f64 + 0.4, 1.1, turn)], &noise, k as u64)
+            })
+            .collect();
+        let returns = returns_of(&scans);
+        let normals = normals::outward(&returns, 0.25);
+        let viewpoints = viewpoints(&scans, &noise, 0.005).unwrap();
+        let surfels = Surfels::gather(&returns, &normals, &viewpoints, 0.25);
+        (scans, surfels)
+    }
+
+    #[test]
+    fn the_field_of_a_corridor_is_the_way_from_its_nearer_wall() {
+        let (scans, _) = corridor(&[]);
+        let noise = Noise { sigma_x: 0.001, sigma_y: 0.001, sigma_theta: 1e-4, sigma_range: 0.005 };
+        let bounds = crate::geometry::Bounds { min: [-0.5, -0.5], max: [8.5, 2.5] };
+        let lattice = Lattice::covering(&bounds, 0.25, 10_000).unwrap();
+        let fit = fit_vector(&scans, &noise, &lattice, &FitOptions::default(), &mut |_| ControlFlow::Continue(()));
+        let fit = fit.unwrap();
+        assert!(fit.converged && fit.minimum.relative_gradient < 1e-10);
+        for (x, y) in [(1.0, 0.0), (2.3, 0.4), (4.1, 0.6), (5.0, 2.0), (6.2, 1.5)] {
+            let v = [0, 1].map(|axis: usize| fit.field[axis].value(Vec2::new(x, y)).unwrap());
+            let exact = if y < 1.0 { y } else { y - 2.0 };
+            assert!(v[0].abs() < 0.03 && (v[1] - exact).abs() < 0.02, "({x}, {y}): {v:?}");
+        }
+        assert!(fit.seen_through < 0.05, "{} of the returns", fit.seen_through);
+    }
+}

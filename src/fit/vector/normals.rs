@@ -65,3 +65,26 @@ fn line(window: &[Return]) -> Option<(Vec2, f64)> {
     // Two unknowns: a short window is straight by accident.
     Some((across, (variance + 1e-12) / (count - 2.0)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose;
+    use crate::scan::{Noise, returns_of};
+    use crate::sim::{Lidar, World, simulate};
+
+    #[test]
+    fn normals_point_away_and_keep_to_their_wall_up_to_the_corner() {
+        let room = World::room(&[[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]);
+        let noise = Noise { sigma_x: 0.0, sigma_y: 0.0, sigma_theta: 0.0, sigma_range: 0.002 };
+        let scans = simulate(&room, &Lidar::of_degrees(360, 359.0), &[Pose::new(1.7, 2.2, 0.4)], &noise, 1);
+        let returns = returns_of(&scans);
+        for (seen, normal) in returns.iter().zip(outward(&returns, 0.25)) {
+            assert!((normal.norm() - 1.0).abs() < 1e-12 && normal.dot(&seen.direction) >= 0.0);
+            let corner = (seen.point - Vec2::new(2.0, 2.0)).map(f64::abs);
+            if corner.min() < 1.9 {
+                assert!(normal.amax() > 0.98, "{:?} at {:?}", normal, seen.point);
+            }
+        }
+    }
+}

@@ -54,3 +54,23 @@ fn passed(surfel: &Surfel, scan: &LaserScan, pose: &Pose, reach: f64, margin: f6
     let beyond = |beam: f64| scan.range(beam as usize).is_some_and(|range| range > distance + margin);
     beyond(beam.floor()) && beyond(beam.ceil())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::corridor;
+    use super::*;
+    use crate::geometry::Vec2;
+
+    #[test]
+    fn a_person_that_other_scans_see_through_does_not_stand_and_walls_do() {
+        let person = Vec2::new(4.0, 0.7);
+        let (scans, surfels) = corridor(&[person]);
+        let poses: Vec<Pose> = scans.iter().map(|scan| scan.pose).collect();
+        let stands = standing(&surfels, &scans, &poses, 0.25);
+        let near = |surfel: &Surfel| (surfel.anchor - person).norm() < 0.4;
+        let (people, walls): (Vec<_>, Vec<_>) = surfels.all.iter().zip(stands).partition(|(surfel, _)| near(surfel));
+        assert!(people.len() > 3 && people.iter().all(|(_, stands)| !stands));
+        let fallen = walls.iter().filter(|(_, stands)| !stands).count();
+        assert!(fallen * 50 < walls.len(), "{fallen} of {} pieces of wall", walls.len());
+    }
+}

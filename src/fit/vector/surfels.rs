@@ -268,3 +268,81 @@ fn neighbours(
     }
     next.map(|t| t.is_finite().then_some(t))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Cov3, Pose};
+    use crate::scan::{LaserScan, Noise, ReturnNoise, returns_of};
+    use crate::sim::{Lidar, World, misplaced, simulate};
+
+    const H: f64 = 0.25;
+
+    fn viewpoints(scans: &[LaserScan], noise: &Noise) -> Vec<Viewpoint> {
+        let viewpoint = |scan: &LaserScan| Viewpoint {
+            position: scan.pose.position(),
+            root: Cov3::from_diagonal(&nalgebra::Vector3::new(noise.sigma_x, noise.sigma_y, noise.sigma_theta)),
+            noise: ReturnNoise { pose: None, range_variance: noise.sigma_range.powi(2), model_variance: 1e-6 },
+        };
+        scans.iter().map(viewpoint).collect()
+    }
+
+    /// A square room of 6 m, seen twice from its middle and misplaced.
+    fn square() -> (Vec<LaserScan>, Vec<Return>, Surfels) {
+        let room = World::room(&[[0.0, 0.0], [6.0, 0.0], [6.0, 6.0], [0.0, 6.0]]);
+        let exact = Noise { sigma_x: 0.0, sigma_y: 0.0, sigma_theta: 0.0, sigma_range: 0.02 };
+        let poses = [Pose::new(3.0, 3.0, 0.2), Pose::new(2.6, 3.2, 1.7)];
+        let scans = simulate(&room, &Lidar::of_degrees(360, 359.0), &poses, &exact, 5);
+        let scans = misplaced(&scans, &Noise { sigma_x: 0.03, sigma_y: 0.03, sigma_theta: 0.002, sigma_range: 0.0 }, 2);
+        let returns = returns_of(&scans);
+        let normals = super::super::normals::outward(&returns, H);
+        let surfels = Surfels::gather(&returns, &normals, &viewpoints(&scans, &Noise::EXPERIMENT_ONE), H);
+        (scans, returns, surfels)
+    }
+
+    fn wall_error(p: Vec2) -> f64 {
+        [p.x, 6.0 - p.x, p.y, 6.0 - p.y].into_iter().fold(f64::INFINITY, |near, d| near.min(d.abs()))
+    }
+
+    #[test]
+    fn anchors_lie_nearer_to_the_wall_than_returns_and_normals_across_it() {
+        let (_, returns, surfels) = square();
+        let rms = |v: Vec<f64>| (v.iter().map(|d| d * d).sum::<f64>() / v.len() as f64).sqrt();
+        let scattered = rms(returns.iter().map(|seen| wall_error(seen.point)).collect());
+        let anchored = rms(surfels.all.iter().map(|surfel| wall_error(surfel.anchor)).collect());
+        assert!(anchored < 0.75 * scattered, "{anchored} {scattered}");
+        let tilt =
+            surfels.all.iter().filter(|s| (s.anchor - Vec2::new(3.0, 3.0)).amax() > 2.7).map(|s| s.normal.amax());
+        let mut tilt: Vec<f64> = tilt.collect();
+        tilt.sort_by(f64::total_cmp);
+        assert!(tilt[tilt.len() / 20] > 0.99, "the worst twentieth: {}", tilt[tilt.len() / 20]);
+    }
+
+    #[test]
+    fn a_surfel_says_where_its_returns_lie_and_how_a_pose_moves_them() {
+        let (scans, _, surfels) = square();
+        let viewpoints = viewpoints(&scans, &Noise::EXPERIMENT_ONE);
+        for surfel in &surfels.all {
+            let own = surfels.witnesses(surfel);
+            let weight: f64 = own.iter().map(|w| w.weight).sum();
+            let offset: f64 = own.iter().map(|w| w.weight * w.offset).sum::<f64>() / weight;
+            assert!((surfel.weight - weight).abs() < 1e-9 * weight && (surfel.offset - offset).abs() < 1e-12);
+            for witness in own {
+                // A scan moved along the normal moves its returns by as much.
+                let along = viewpoints[witness.scan].root.try_inverse().unwrap()
+                    * nalgebra::Vector3::new(surfel.normal.x, surfel.normal.y, 0.0);
+                assert!((witness.by_pose.dot(&along) - 1.0).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn a_share_of_the_returns_goes_with_the_surfels_that_are_dropped() {
+        let (_, returns, mut surfels) = square();
+        let (before, first) = (surfels.all.len(), surfels.all[0].clone());
+        let dropped: f64 = surfels.witnesses(&first).iter().map(|w| w.count).sum();
+        let stay = surfels.keep(&(0..before).map(|k| k > 0).collect::<Vec<_>>());
+        assert_eq!(surfels.all.len(), before - 1);
+        assert!((stay - (1.0 - dropped / returns.len() as f64)).abs() < 1e-12);
+    }
+}
