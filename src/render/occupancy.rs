@@ -91,7 +91,8 @@ fn cell(map: &FittedMap, center: Vec2, resolution: f64, kind: Kind) -> i8 {
         return -1;
     }
     let Some((u, sigma)) = map.distance(center, kind) else { return -1 };
-    if seen.free && !seen.surface && map.field.vector(center).is_some_and(|at| !at.is_wall_like()) {
+    let met = map.evidence.at(map.lattice(), center).surface;
+    if seen.free && !met && map.field.vector(center).is_some_and(|at| !at.is_wall_like()) {
         return 0;
     }
     if !seen.free && u.abs() > resolution / 2.0 + 2.0 * sigma {

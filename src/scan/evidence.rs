@@ -51,7 +51,7 @@ impl Evidence {
         for scan in scans {
             let sweep = Sweep::of(scan, lattice.resolution);
             evidence.mark_free(lattice, &sweep);
-            evidence.mark_surfaces(lattice, &sweep);
+            evidence.mark_surfaces(lattice, sweep.surfaces(LONGEST_JOIN * lattice.resolution));
         }
         evidence
     }
@@ -115,10 +115,16 @@ impl Evidence {
         }
     }
 
-    fn mark_surfaces(&mut self, lattice: &Lattice, sweep: &Sweep<'_>) {
+    /// Forgets the surfaces that were met, in favour of these pieces.
+    pub fn replace_surfaces(&mut self, lattice: &Lattice, pieces: impl Iterator<Item = (Vec2, Vec2)>) {
+        self.marks.iter_mut().for_each(|mark| *mark &= !SURFACE);
+        self.mark_surfaces(lattice, pieces);
+    }
+
+    fn mark_surfaces(&mut self, lattice: &Lattice, pieces: impl Iterator<Item = (Vec2, Vec2)>) {
         let [width, _] = self.size;
         let near = lattice.resolution / 2.0;
-        for (a, b) in sweep.surfaces(LONGEST_JOIN * lattice.resolution) {
+        for (a, b) in pieces {
             for (i, j) in self.window(lattice, (a + b) / 2.0, (a - b).norm() / 2.0 + near) {
                 if distance_to_segment(mark_center(lattice, i, j), a, b) <= near {
                     self.marks[i + j * width] |= SURFACE;

@@ -92,7 +92,7 @@ pub fn fit_vector(
     let viewpoints = self::viewpoints_of(scans, noise, &weights)?;
     let unknowns = if weights.poses == Poses::Refined { 3 * scans.len() } else { 0 };
     let modes = if unknowns > 0 { gauge::common_motion(&viewpoints) } else { Mat::zeros(0, 0) };
-    let evidence = Evidence::gather(lattice, scans);
+    let mut evidence = Evidence::gather(lattice, scans);
     let cells = evidence.cells_within(lattice, DEFAULT_BAND);
     let stencil = Stencil::over(lattice, active_points(lattice, &cells));
     let mut cholesky = Cholesky::analyse(&stencil)?;
@@ -128,6 +128,7 @@ pub fn fit_vector(
         if change > SETTLED && progress.iteration < rounds {
             continue;
         }
+        evidence.replace_surfaces(lattice, surfels.all.iter().map(Surfel::ends));
         return Ok(VectorFit {
             field: [z, y].map(|c| surface(lattice, &stencil, c)),
             evidence,

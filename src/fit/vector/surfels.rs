@@ -55,6 +55,14 @@ pub struct Surfel {
     witnesses: Range<usize>,
 }
 
+impl Surfel {
+    /// Where the piece begins and ends.
+    pub fn ends(&self) -> (Vec2, Vec2) {
+        let along = turned(self.normal);
+        (self.anchor - along * self.reach[0], self.anchor + along * self.reach[1])
+    }
+}
+
 /// What one scan's returns know of a surfel's place along its normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Witness {
