@@ -21,6 +21,14 @@ fn with(pointer: &str, value: Value) -> String {
     job.to_string()
 }
 
+/// A valid vector job with these fit options.
+fn vector_with(fit: Value) -> String {
+    let mut job = small(1);
+    job["map"]["distance"] = json!("vdf");
+    job["fit"] = fit;
+    job.to_string()
+}
+
 fn without(pointer: &str) -> String {
     let mut job = small(1);
     let (parent, name) = pointer.rsplit_once('/').unwrap();

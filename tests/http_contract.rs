@@ -133,6 +133,44 @@ fn a_vector_map_answers_like_a_signed_one_and_says_more() {
     server.get(&format!("{own}/covariance?form=full")).problem(422);
 }
 
+/// Little or degenerate evidence still makes a map whose answers are numbers.
+#[test]
+fn odd_vector_jobs_end_well() {
+    let folder = tempfile::tempdir().unwrap();
+    let server = Server::start(folder.path(), 1);
+    let mut lone = small(1);
+    lone["scans"].as_array_mut().unwrap().truncate(1);
+    let mut single_beam = lone.clone();
+    single_beam["scans"][0]["ranges"] = json!([1.0]);
+    let mut known = small(1);
+    known["scans"][0]["pose_covariance"] = json!([0, 0, 0, 0, 0, 0, 0, 0, 0]);
+    let mut exact = small(1);
+    exact["noise"] = json!({"sigma_x": 1e-6, "sigma_y": 1e-6, "sigma_theta": 1e-6, "sigma_range": 1e-6});
+    exact["fit"] = json!({"model_sigma": 0});
+    let mut vague = small(1);
+    vague["noise"] = json!({"sigma_x": 1.0, "sigma_y": 1.0, "sigma_theta": 0.5, "sigma_range": 0.5});
+    let mut fixed = small(1);
+    fixed["fit"] = json!({"poses": "fixed", "max_iterations": 1});
+    let mut flat = small(1);
+    flat["scans"][1]["ranges"] = json!(vec![0.5; flat["scans"][1]["ranges"].as_array().unwrap().len()]);
+    for mut job in [lone, single_beam, known, exact, vague, fixed, flat] {
+        job["map"]["distance"] = json!("vdf");
+        let own = format!("/v1/maps/{}", server.map_of(&job));
+        let pose = &job["scans"][0]["pose"];
+        let near = json!({"points": [[pose["x"].as_f64().unwrap() + 0.3, pose["y"]]]});
+        let answer = server.post(&format!("{own}/query"), &near).json();
+        assert!(
+            answer["distance"][0].as_f64().is_some_and(|d| d.is_finite() && d >= 0.0),
+            "{}: {answer}",
+            job["noise"]
+        );
+        assert!(answer["sigma"][0].as_f64().is_some_and(f64::is_finite), "{answer}");
+        for part in ["contours?sigma_band=2", "ogm", "image", "covariance?form=sparse", "covariance?kind=posterior"] {
+            assert_eq!(server.get(&format!("{own}/{part}")).status, 200, "{part}");
+        }
+    }
+}
+
 fn check_arrays(server: &Server, own: &str) {
     let coefficients = server.get(&format!("{own}/coefficients")).json();
     assert_eq!(numbers(&coefficients["sdf"]).len(), 2401);

@@ -2,8 +2,16 @@
 
 mod support;
 
+use std::ops::ControlFlow;
 use std::process::Command;
 
+use mapfit::fit::{FitOptions, fit_vector};
+use mapfit::geometry::Bounds;
+use mapfit::map::FittedMap;
+use mapfit::render::{OccupancyGrid, Trinary};
+use mapfit::scan::{Noise, returns_of};
+use mapfit::spline::Lattice;
+use mapfit::uncertainty::Kind;
 use support::{Server, shared_data};
 
 #[test]
@@ -46,6 +54,36 @@ fn the_seattle_corridor_becomes_a_map_that_follows_its_walls() {
     );
     println!("fit: {}", map["fit"]);
     assert!(median < 0.03 && most < 0.12 && peak < 1024);
+}
+
+/// The same corridor as a vector map at h = 0.2 m; every fifth scan is held out, and judges.
+#[test]
+fn the_seattle_corridor_as_a_vector_map_fits_the_scans_left_out() {
+    let Some(folder) = shared_data("the_seattle_corridor_as_a_vector_map") else { return };
+    let scans = mapfit::import::parse_carmen(&support_log(&folder.join("seattle.flaser.log.gz"))).unwrap();
+    let (held, taken): (Vec<_>, Vec<_>) = scans.into_iter().enumerate().partition(|(k, _)| k % 5 == 4);
+    let [held, taken] = [held, taken].map(|part| part.into_iter().map(|(_, scan)| scan).collect::<Vec<_>>());
+    let noise = Noise { sigma_x: 0.02, sigma_y: 0.02, sigma_theta: 0.005, sigma_range: 0.02 };
+    let bounds = Bounds::around(returns_of(&taken).iter().map(|seen| seen.point)).unwrap().grown(0.6);
+    let lattice = Lattice::covering(&bounds, 0.2, 200_000).unwrap();
+    let fit = fit_vector(&taken, &noise, &lattice, &FitOptions::default(), &mut |_| ControlFlow::Continue(())).unwrap();
+    let map = FittedMap::finish_vector(fit, noise, || 0.0).unwrap().0;
+    let judges = returns_of(&held);
+    let mut lengths: Vec<f64> = judges.iter().filter_map(|seen| map.field.value(seen.point)).collect();
+    lengths.sort_by(f64::total_cmp);
+    let grid = OccupancyGrid::of(&map, 0.2, Kind::Propagated);
+    let half_way = |seen: &mapfit::scan::Return| {
+        let p = seen.point - seen.direction * (seen.range / 2.0);
+        let at = [0, 1].map(|axis: usize| ((p[axis] - grid.origin[axis]) / grid.resolution).floor());
+        (at[0] >= 0.0 && at[0] < grid.width as f64 && at[1] >= 0.0 && at[1] < grid.height as f64)
+            .then(|| Trinary::of(grid.data[at[0] as usize + at[1] as usize * grid.width]))
+    };
+    let crossed: Vec<Trinary> = judges.iter().filter_map(half_way).collect();
+    let occupied = crossed.iter().filter(|cell| **cell == Trinary::Occupied).count() as f64 / crossed.len() as f64;
+    let (median, most) = (lengths[lengths.len() / 2], lengths[lengths.len() * 9 / 10]);
+    println!("held out: median {median:.4} m, 90 % within {most:.4} m; {occupied:.4} of the half-way points occupied");
+    println!("{:?}", map.report);
+    assert!(median <= 0.05 && most <= 0.1 && occupied <= 0.02);
 }
 
 fn support_log(file: &std::path::Path) -> String {

@@ -182,6 +182,23 @@ impl Objective {
         gradient
     }
 
+    /// Calls back with every cell's share of the Eikonal term's gradient: the control points, and the derivatives by them.
+    pub fn for_each_eikonal_score(&self, c: &[f64], mut each: impl FnMut(&[usize; SUPPORT], &[f64; SUPPORT])) {
+        for cell in self.cells().filter(|&cell| !self.quadrature_of(cell).is_empty()) {
+            let support = self.lattice.support(cell);
+            let local = gather(c, &support);
+            let mut score = [0.0; SUPPORT];
+            for point in self.quadrature_of(cell) {
+                let g = Vec2::new(dot(&point.row.dx, &local), dot(&point.row.dy, &local));
+                let pull = self.eikonal.slope(point.weight, g);
+                for ((into, dx), dy) in score.iter_mut().zip(&point.row.dx).zip(&point.row.dy) {
+                    *into += pull.x * dx + pull.y * dy;
+                }
+            }
+            each(&support, &score);
+        }
+    }
+
     /// The value; gradient and Hessian are written over what `system` held.
     pub fn assemble(&self, unknowns: &[f64], curvature: Curvature, system: &mut System) -> f64 {
         let (c, e) = unknowns.split_at(self.lattice.len());

@@ -20,7 +20,7 @@ use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 use nalgebra::Matrix3;
 
-use super::inputs::{CompressedColumns, for_each_return};
+use super::inputs::{CompressedColumns, for_each_misfit, for_each_return};
 use super::marginals::settle;
 use super::{Kind, UncertaintyError};
 use crate::fit::{Bordered, Fit, Poses, System, gauge, solve_components};
@@ -78,6 +78,7 @@ impl Factors {
                 (0..3).for_each(|a| entry[a] += pose.by_control_points[a][k]);
             }
         });
+        for_each_misfit(fit, |support, score| inputs.push(support.iter().copied().zip(*score)));
         let mut coupling = CompressedColumns::new(n);
         for (scan, columns) in pose_columns.iter().enumerate() {
             for a in 0..3 {

@@ -4,11 +4,18 @@
 //! Pose inputs: three columns a scan. A pose is `q0 + R e`; the reported `q0` and the unknown `e` enter the objective in
 //! the same way except for the prior `|e|^2`, so the columns are those of the Hessian by `e` without the prior's `2 I`:
 //! `[K; P - 2 I]`. With fixed poses there is no `e` and the columns are `f_cq R`.
+//!
+//! Misfit: one column a cell, the gradient of its Eikonal term at the minimum (calibrated maps). Where the surface can have
+//! unit slope that vanishes; at ridges, which no spline follows, it is what they pull with. Treating the pulls of
+//! different cells as independent errors of the model is the cluster-robust "sandwich" of Huber (1967) and White (1980).
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::fit::{Curvature, Fit, InputJet, Sighting, by_inputs, local_jet};
+use crate::fit::{Curvature, Fit, InputJet, Sighting, Weighting, by_inputs, local_jet};
 use crate::spline::{SUPPORT, gather};
+
+/// By how much the pulls of a cell stand for those of its neighbours along a ridge, which are like it.
+const ALIKE: f64 = 1.5;
 
 /// A sparse matrix by columns: `indices[starts[k]..starts[k + 1]]` are the rows of column `k`, ascending.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -95,6 +102,14 @@ pub fn for_each_return(fit: &Fit, mut each: impl FnMut(RangeInputs, PoseInputs))
             };
             each(range, pose);
         }
+    }
+}
+
+/// Calls back with every cell's misfit; see the module.
+pub fn for_each_misfit(fit: &Fit, mut each: impl FnMut(&[usize; SUPPORT], &[f64; SUPPORT])) {
+    if fit.weighting == Weighting::Calibrated {
+        let coefficients = &fit.unknowns[..fit.surface.lattice.len()];
+        fit.objective.for_each_eikonal_score(coefficients, |support, score| each(support, &score.map(|s| ALIKE * s)));
     }
 }
 

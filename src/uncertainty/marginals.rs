@@ -19,7 +19,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 use nalgebra::Matrix3;
 
-use super::inputs::for_each_return;
+use super::inputs::{for_each_misfit, for_each_return};
 use super::{Kind, UncertaintyError};
 use crate::fit::{Bordered, Curvature, Fit, Poses, gauge};
 use crate::geometry::Cov3;
@@ -60,6 +60,7 @@ pub fn marginals(fit: &mut Fit) -> Result<(Marginals, PoseCovariance), Uncertain
         let b = &range.by_control_points;
         g.add_cell(range.support[0], &CellBlock::symmetric_product(b, b));
     });
+    for_each_misfit(fit, |support, score| g.add_cell(support[0], &CellBlock::symmetric_product(score, score)));
     let (inverse, sandwich) = selected_sandwich(&fit.cholesky, &g)?;
     let mut marginals = Marginals { propagated: sandwich, posterior: inverse };
     let poses = match fit.weights.poses {

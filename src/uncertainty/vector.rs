@@ -29,6 +29,9 @@ use crate::geometry::Vec2;
 use crate::sparse::{CellBlock, StencilMatrix, selected_sandwich};
 use crate::spline::{SUPPORT, dot, gather};
 
+/// Numbers that pose columns take at most at a time.
+const LARGEST_COLUMNS: usize = 10_000_000;
+
 /// One covariance of a vector field on the stencil, square metres. Entry (row, column) of `xy` is between the x coefficient
 /// of the row's control point and the y coefficient of the column's, for rows no lower than columns.
 #[derive(Debug, Clone)]
@@ -245,10 +248,33 @@ fn pose_columns(fit: &VectorFit, block: std::ops::Range<usize>) -> Mat<f64> {
     columns
 }
 
+/// The pose columns of one scan after the other, by coefficient.
+fn columns_by_scan(fit: &VectorFit) -> impl Iterator<Item = BTreeMap<usize, [f64; 3]>> + '_ {
+    let n = fit.cholesky.dimension();
+    let placed: Vec<Placed<'_>> = placed_surfels(fit).collect();
+    let mut seen_by = vec![Vec::new(); fit.poses.len()];
+    for (k, own) in placed.iter().enumerate() {
+        fit.surfels.witnesses(own.surfel).iter().for_each(|witness| seen_by[witness.scan].push((k, *witness)));
+    }
+    seen_by.into_iter().map(move |seen| {
+        let mut columns = BTreeMap::<usize, [f64; 3]>::new();
+        for (k, witness) in seen {
+            let Placed { surfel, support, row } = &placed[k];
+            for (axis, (&point, value)) in (0..2).flat_map(|axis| support.iter().zip(row).map(move |at| (axis, at))) {
+                let entry = columns.entry(axis * n + point).or_default();
+                let pull = 2.0 * witness.weight * surfel.normal[axis] * value;
+                (0..3).for_each(|a| entry[a] += pull * witness.by_pose[a]);
+            }
+        }
+        columns
+    })
+}
+
 fn add_fixed_poses(fit: &VectorFit, propagated: &mut VectorCovariance) -> Result<(), UncertaintyError> {
     let scans = fit.poses.len();
-    for first in (0..scans).step_by(SCANS_A_BLOCK) {
-        let mut columns = pose_columns(fit, first..(first + SCANS_A_BLOCK).min(scans));
+    let block = (LARGEST_COLUMNS / (6 * fit.cholesky.dimension())).clamp(1, SCANS_A_BLOCK);
+    for first in (0..scans).step_by(block) {
+        let mut columns = pose_columns(fit, first..(first + block).min(scans));
         solve_components(&fit.cholesky, columns.as_mut())?;
         propagated.add_product(columns.as_ref(), columns.as_ref(), 1.0);
     }
@@ -325,18 +351,8 @@ impl Factors {
                 .flat_map(|(scan, by_pose)| (0..3).map(move |a| (2 * n + 3 * scan + a, by_pose[a])));
             inputs.push(on_map.chain(border.filter(|_| refined)));
         }
-        let mut pose_columns = vec![BTreeMap::<usize, [f64; 3]>::new(); fit.poses.len()];
-        for Placed { surfel, support, row } in placed_surfels(fit) {
-            for witness in fit.surfels.witnesses(surfel) {
-                for (axis, (&k, value)) in (0..2).flat_map(|axis| support.iter().zip(&row).map(move |at| (axis, at))) {
-                    let entry = pose_columns[witness.scan].entry(axis * n + k).or_default();
-                    let pull = 2.0 * witness.weight * surfel.normal[axis] * value;
-                    (0..3).for_each(|a| entry[a] += pull * witness.by_pose[a]);
-                }
-            }
-        }
         let mut coupling = CompressedColumns::new(2 * n);
-        for (scan, columns) in pose_columns.iter().enumerate() {
+        for (scan, columns) in columns_by_scan(fit).enumerate() {
             for a in 0..3 {
                 let own = columns.iter().map(|(&row, values)| (row, values[a]));
                 if refined {

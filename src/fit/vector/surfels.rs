@@ -38,6 +38,9 @@ const LONGEST_JOIN: f64 = 2.0;
 /// A piece of surface that nothing adjoins reaches this many cells to that side.
 const LONELY_REACH: f64 = 0.125;
 
+/// Nothing is known better than to a micrometre: a grazing beam's range says nothing, exactly.
+const LEAST_VARIANCE: f64 = 1e-12;
+
 /// A piece of surface; see the module.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surfel {
@@ -124,8 +127,11 @@ impl Surfels {
         surfels
     }
 
-    /// Drops the surfels without a mark, and gives the share of the returns that stay.
+    /// Drops the surfels without a mark, and gives the share of the returns that stay. Where there is no mark at all, all stay.
     pub fn keep(&mut self, marks: &[bool]) -> f64 {
+        if !marks.contains(&true) {
+            return 1.0;
+        }
         let count = |own: &[Surfel], witnesses: &[Witness]| -> f64 {
             own.iter().flat_map(|surfel| &witnesses[surfel.witnesses.clone()]).map(|witness| witness.count).sum()
         };
@@ -173,7 +179,7 @@ impl Witness {
         let by_pose = viewpoint.root.transpose() * Vector3::new(normal.x, normal.y, normal.dot(&arm));
         let range_variance = viewpoint.noise.range_variance * normal.dot(&(group.along * normal)) / group.count;
         let own = if viewpoint.noise.pose.is_some() { by_pose.norm_squared() } else { 0.0 };
-        let weight = 1.0 / (range_variance + own + viewpoint.noise.model_variance);
+        let weight = 1.0 / (range_variance + own + viewpoint.noise.model_variance).max(LEAST_VARIANCE);
         Self {
             scan: group.scan,
             count: group.count,
