@@ -51,6 +51,9 @@ fn map_of(job: &Job) -> MapRecord {
         observations: 1,
         seconds: 0.1,
         weights,
+        seen_through: None,
+        cut_locus: None,
+        active_control_points: None,
     };
     MapRecord {
         id: uuid::Uuid::now_v7().to_string(),

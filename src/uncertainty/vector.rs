@@ -64,10 +64,6 @@ impl VectorCovariance {
         [&self.xx, &self.xy, &self.yx, &self.yy]
     }
 
-    pub fn from_parts([xx, xy, yx, yy]: [StencilMatrix; 4]) -> Self {
-        Self { xx, xy, yx, yy }
-    }
-
     /// Adds the entries of `scale A B^T` that are on the stencil; `a` and `b` are stacked by component.
     fn add_product(&mut self, a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64) {
         let (n, width) = (self.xx.stencil().dimension(), a.ncols());
@@ -231,24 +227,7 @@ fn on_stencil(fit: &VectorFit, inputs: &[SurfaceInput]) -> [StencilMatrix; 3] {
     g
 }
 
-/// Adds the pose columns `2 w n_a B by_pose` of the scans in `block` to stacked columns.
-fn pose_columns(fit: &VectorFit, block: std::ops::Range<usize>) -> Mat<f64> {
-    let n = fit.cholesky.dimension();
-    let mut columns = Mat::zeros(2 * n, 3 * block.len());
-    for Placed { surfel, support, row } in placed_surfels(fit) {
-        for witness in fit.surfels.witnesses(surfel).iter().filter(|witness| block.contains(&witness.scan)) {
-            for (axis, a) in (0..2).flat_map(|axis| (0..3).map(move |a| (axis, a))) {
-                let pull = 2.0 * witness.weight * surfel.normal[axis] * witness.by_pose[a];
-                for (&k, value) in support.iter().zip(&row) {
-                    columns[(axis * n + k, 3 * (witness.scan - block.start) + a)] += pull * value;
-                }
-            }
-        }
-    }
-    columns
-}
-
-/// The pose columns of one scan after the other, by coefficient.
+/// The pose columns `2 w n_a B by_pose` of one scan after the other, by coefficient.
 fn columns_by_scan(fit: &VectorFit) -> impl Iterator<Item = BTreeMap<usize, [f64; 3]>> + '_ {
     let n = fit.cholesky.dimension();
     let placed: Vec<Placed<'_>> = placed_surfels(fit).collect();
@@ -271,14 +250,21 @@ fn columns_by_scan(fit: &VectorFit) -> impl Iterator<Item = BTreeMap<usize, [f64
 }
 
 fn add_fixed_poses(fit: &VectorFit, propagated: &mut VectorCovariance) -> Result<(), UncertaintyError> {
-    let scans = fit.poses.len();
-    let block = (LARGEST_COLUMNS / (6 * fit.cholesky.dimension())).clamp(1, SCANS_A_BLOCK);
-    for first in (0..scans).step_by(block) {
-        let mut columns = pose_columns(fit, first..(first + block).min(scans));
+    let n = fit.cholesky.dimension();
+    let block = (LARGEST_COLUMNS / (6 * n)).clamp(1, SCANS_A_BLOCK);
+    let mut scans = columns_by_scan(fit);
+    loop {
+        let own: Vec<_> = scans.by_ref().take(block).collect();
+        if own.is_empty() {
+            return Ok(());
+        }
+        let mut columns = Mat::zeros(2 * n, 3 * own.len());
+        for (k, scan) in own.iter().enumerate() {
+            scan.iter().for_each(|(&row, values)| (0..3).for_each(|a| columns[(row, 3 * k + a)] = values[a]));
+        }
         solve_components(&fit.cholesky, columns.as_mut())?;
         propagated.add_product(columns.as_ref(), columns.as_ref(), 1.0);
     }
-    Ok(())
 }
 
 fn add_refined_poses(

@@ -22,6 +22,7 @@ mod standing;
 mod surfels;
 
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -89,61 +90,95 @@ pub fn fit_vector(
     }
     let refinable = 2 * lattice.len() * 3 * scans.len() <= LARGEST_BORDER;
     let weights = vector_weights(options, lattice, refinable, information(lattice, &returns, noise.sigma_range));
-    let viewpoints = self::viewpoints_of(scans, noise, &weights)?;
-    let unknowns = if weights.poses == Poses::Refined { 3 * scans.len() } else { 0 };
-    let modes = if unknowns > 0 { gauge::common_motion(&viewpoints) } else { Mat::zeros(0, 0) };
+    let viewpoints = viewpoints_of(scans, noise, &weights)?;
     let mut evidence = Evidence::gather(lattice, scans);
     let cells = evidence.cells_within(lattice, DEFAULT_BAND);
     let stencil = Stencil::over(lattice, active_points(lattice, &cells));
+    let place = Place { scans, lattice, viewpoints: &viewpoints, weights: &weights, cells: &cells, stencil: &stencil };
     let mut cholesky = Cholesky::analyse(&stencil)?;
-    let rounds = if unknowns > 0 { MOST_ROUNDS.min(options.max_iterations) } else { 1 };
-    let mut e = vec![0.0; unknowns];
-    let mut poses: Vec<Pose> = scans.iter().map(|scan| scan.pose).collect();
+
+    let refined = weights.poses == Poses::Refined;
+    let rounds = if refined { MOST_ROUNDS.min(options.max_iterations) } else { 1 };
+    let mut e = if refined { vec![0.0; 3 * scans.len()] } else { Vec::new() };
     let mut progress = Progress { iteration: 0, max_iterations: rounds, objective: f64::NAN, relative_gradient: 1.0 };
-    loop {
+    let (round, change) = loop {
         if observer(&progress).is_break() {
             return Err(FitError::Cancelled);
         }
-        let normals = normals::outward(&returns, lattice.resolution);
-        let mut surfels = Surfels::gather(&returns, &normals, &viewpoints, lattice.resolution);
-        let left_alone = surfels.keep(&standing::standing(&surfels, scans, &poses, lattice.resolution));
-        let traced = Characteristics::trace(lattice, &surfels, &cells);
-        let at = (&e[..], modes.clone());
-        let objective = VectorObjective::assemble(lattice, stencil.clone(), &surfels, &traced, &cells, &weights, at);
-        let border = Bordered::factorise(&objective.system, &mut cholesky).map_err(|error| match error {
+        let round = place.round(&returns, &e, &mut cholesky)?;
+        e.clone_from(&round.poses);
+        let change = put(&mut returns, scans, &corrected(scans, &viewpoints, &e)) / lattice.resolution;
+        progress.iteration += 1;
+        progress.objective = round.minimum.objective;
+        progress.relative_gradient = change.max(round.minimum.relative_gradient);
+        if change <= SETTLED || progress.iteration == rounds {
+            break (round, change);
+        }
+    };
+    evidence.replace_surfaces(lattice, round.surfels.all.iter().map(Surfel::ends));
+    let minimum = Minimum { iterations: progress.iteration, factorisations: progress.iteration, ..round.minimum };
+    Ok(VectorFit {
+        field: round.components.map(|c| surface(lattice, &stencil, c)),
+        evidence,
+        converged: minimum.relative_gradient <= options.tolerance && change <= SETTLED,
+        minimum,
+        surfels: round.surfels,
+        objective: round.objective,
+        cholesky,
+        returns: returns.iter().map(|seen| seen.point).collect(),
+        poses: corrected(scans, &viewpoints, &e),
+        left_out: round.left_out,
+        seen_through: round.seen_through,
+        viewpoints,
+        weights,
+    })
+}
+
+/// What stays the same from round to round.
+struct Place<'a> {
+    scans: &'a [LaserScan],
+    lattice: &'a Lattice,
+    viewpoints: &'a [Viewpoint],
+    weights: &'a Weights,
+    cells: &'a [bool],
+    stencil: &'a Arc<Stencil>,
+}
+
+/// Surfels gathered around one set of poses, and the minimum of the objective they make.
+struct Round {
+    surfels: Surfels,
+    objective: VectorObjective,
+    minimum: Minimum,
+    components: [Vec<f64>; 2],
+    /// The pose unknowns at the minimum.
+    poses: Vec<f64>,
+    left_out: f64,
+    seen_through: f64,
+}
+
+impl Place<'_> {
+    /// One round. `returns` lie where the pose unknowns `e` put them, which are empty where poses are fixed.
+    fn round(&self, returns: &[Return], e: &[f64], cholesky: &mut Cholesky) -> Result<Round, FitError> {
+        let &Self { scans, lattice, viewpoints, weights, cells, stencil } = self;
+        let normals = normals::outward(returns, lattice.resolution);
+        let mut surfels = Surfels::gather(returns, &normals, viewpoints, lattice.resolution);
+        let poses = corrected(scans, viewpoints, e);
+        let kept = surfels.keep(&standing::standing(&surfels, scans, &poses, lattice.resolution));
+        let traced = Characteristics::trace(lattice, &surfels, cells);
+        let gauge = if e.is_empty() { Mat::zeros(0, 0) } else { gauge::common_motion(viewpoints) };
+        let objective =
+            VectorObjective::assemble(lattice, stencil.clone(), &surfels, &traced, cells, weights, (e, gauge));
+        let border = Bordered::factorise(&objective.system, cholesky).map_err(|error| match error {
             SparseError::NotPositiveDefinite => FitError::NotFinite,
             other => other.into(),
         })?;
         let downhill: Vec<f64> = objective.system.gradient.iter().map(|slope| -slope).collect();
-        let mut z = border.solve_checked(&objective.system, &mut cholesky, &downhill)?;
-        let minimum = objective.minimum(&z);
-        let moved = z.split_off(2 * lattice.len());
-        let y = z.split_off(lattice.len());
-        e = moved;
-        poses = corrected(scans, &viewpoints, &e);
-        let change = place(&mut returns, scans, &poses) / lattice.resolution;
-        progress.iteration += 1;
-        progress.objective = minimum.objective;
-        progress.relative_gradient = change.max(minimum.relative_gradient);
-        if change > SETTLED && progress.iteration < rounds {
-            continue;
-        }
-        evidence.replace_surfaces(lattice, surfels.all.iter().map(Surfel::ends));
-        return Ok(VectorFit {
-            field: [z, y].map(|c| surface(lattice, &stencil, c)),
-            evidence,
-            converged: minimum.relative_gradient <= options.tolerance && change <= SETTLED,
-            minimum: Minimum { iterations: progress.iteration, factorisations: progress.iteration, ..minimum },
-            weights,
-            surfels,
-            objective,
-            cholesky,
-            viewpoints,
-            returns: returns.iter().map(|seen| seen.point).collect(),
-            poses,
-            left_out: traced.left_out,
-            seen_through: 1.0 - left_alone,
-        });
+        let mut x = border.solve_checked(&objective.system, cholesky, &downhill)?;
+        let minimum = objective.minimum(&x);
+        let poses = x.split_off(2 * lattice.len());
+        let y = x.split_off(lattice.len());
+        let (left_out, seen_through) = (traced.left_out, 1.0 - kept);
+        Ok(Round { surfels, objective, minimum, components: [x, y], poses, left_out, seen_through })
     }
 }
 
@@ -181,7 +216,7 @@ fn corrected(scans: &[LaserScan], viewpoints: &[Viewpoint], e: &[f64]) -> Vec<Po
 }
 
 /// Puts the returns where the poses say, and tells how far the farthest moved, metres.
-fn place(returns: &mut [Return], scans: &[LaserScan], poses: &[Pose]) -> f64 {
+fn put(returns: &mut [Return], scans: &[LaserScan], poses: &[Pose]) -> f64 {
     returns.iter_mut().fold(0.0, |farthest: f64, seen| {
         let (pose, before) = (&poses[seen.scan], seen.point);
         seen.direction = pose.direction(scans[seen.scan].bearing(seen.beam));
