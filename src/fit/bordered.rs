@@ -97,14 +97,7 @@ impl Bordered {
             return Ok(Self { w, schur: None });
         }
         solve_components(cholesky, w.as_mut())?;
-        let mut schur = gauge::spring(&system.gauge);
-        for (scan, block) in system.poses.iter().enumerate() {
-            for a in 0..3 {
-                for b in 0..3 {
-                    schur[(3 * scan + a, 3 * scan + b)] += block[(a, b)];
-                }
-            }
-        }
+        let mut schur = pose_block(&system.poses, &system.gauge);
         matmul(schur.as_mut(), Accum::Add, system.coupling.transpose(), w.as_ref(), -1.0, Par::Seq);
         let schur = schur.llt(Side::Lower).map_err(|_| SparseError::NotPositiveDefinite)?;
         Ok(Self { w, schur: Some(schur) })
@@ -159,6 +152,15 @@ impl Bordered {
         let residual = if scale > 0.0 { error / scale } else { error };
         if residual <= crate::sparse::LARGEST_RESIDUAL { Ok(x) } else { Err(SparseError::Residual { residual }) }
     }
+}
+
+/// `P` whole: the scans' own blocks, and the gauge's share.
+pub(crate) fn pose_block(poses: &[Matrix3<f64>], modes: &Mat<f64>) -> Mat<f64> {
+    let mut block = gauge::spring(modes);
+    for (scan, own) in poses.iter().enumerate() {
+        (0..9).for_each(|k| block[(3 * scan + k / 3, 3 * scan + k % 3)] += own[(k / 3, k % 3)]);
+    }
+    block
 }
 
 /// Solves `H X = B` in place for every component of stacked right-hand sides; unchecked.

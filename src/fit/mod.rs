@@ -22,8 +22,8 @@ use std::ops::ControlFlow;
 
 use thiserror::Error;
 
-pub(crate) use bordered::solve_components;
 pub use bordered::{Bordered, System};
+pub(crate) use bordered::{pose_block, solve_components};
 pub use chain::{InputJet, by_inputs};
 pub use eikonal::EikonalLoss;
 pub use loss::{Curvature, LocalJet};
@@ -131,7 +131,7 @@ pub fn fit(
     let mut descent = Descent { objective: &mut objective, cholesky: &mut cholesky, weights: &weights, options };
     let (minimum, system) = descent.run(&mut unknowns, loss, severity, observer)?;
     let coefficients = unknowns[..lattice.len()].to_vec();
-    let poses = corrected(scans, &objective, &unknowns[lattice.len()..]);
+    let poses = corrected(scans, &objective.sightings.viewpoints, &unknowns[lattice.len()..]);
     Ok(Fit {
         surface: Surface { lattice: lattice.clone(), coefficients },
         evidence,
@@ -221,10 +221,11 @@ fn viewpoints(scans: &[LaserScan], noise: &Noise, model_sigma: f64) -> Result<Ve
         .collect()
 }
 
-fn corrected(scans: &[LaserScan], objective: &Objective, e: &[f64]) -> Vec<Pose> {
-    let change = |scan| match e.len() {
-        0 => nalgebra::Vector3::zeros(),
-        _ => objective.sightings.correction(scan, e),
+/// The poses for the pose unknowns `e`, which are empty where poses are fixed.
+fn corrected(scans: &[LaserScan], viewpoints: &[Viewpoint], e: &[f64]) -> Vec<Pose> {
+    let change = |scan: usize| match e.get(3 * scan..3 * scan + 3) {
+        Some(own) => viewpoints[scan].root * nalgebra::Vector3::from_column_slice(own),
+        None => nalgebra::Vector3::zeros(),
     };
     scans
         .iter()

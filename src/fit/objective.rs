@@ -28,7 +28,7 @@ use crate::sparse::{CellBlock, Stencil, StencilMatrix};
 use crate::spline::{BasisRow, Jet, Lattice, Located, SUPPORT, dot, gather, third_derivatives};
 
 /// Gauss-Legendre points on [0, 1] with their weights, by number.
-fn gauss(points: usize) -> &'static [(f64, f64)] {
+pub(super) fn gauss(points: usize) -> &'static [(f64, f64)] {
     const TWO: [(f64, f64); 2] = [(0.211_324_865_405_187_1, 0.5), (0.788_675_134_594_812_9, 0.5)];
     const THREE: [(f64, f64); 3] = [
         (0.112_701_665_379_258_31, 0.277_777_777_777_777_8),

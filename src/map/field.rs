@@ -17,7 +17,7 @@ use crate::uncertainty::{Kind, Marginals, VectorCovariance, VectorMarginals};
 /// A vector shorter than this many cells takes its direction from how the field grows.
 const SHORT: f64 = 0.5;
 /// On a surface the divergence of the vector field is 1, at a jump it is strongly negative; what is below this is none.
-pub const WALL_DIVERGENCE: f64 = 0.3;
+const WALL_DIVERGENCE: f64 = 0.3;
 
 /// A map's field with its covariance.
 #[derive(Debug, Clone)]
@@ -40,6 +40,11 @@ pub struct VectorAt {
 impl VectorAt {
     pub fn divergence(&self) -> f64 {
         self.jacobian.trace()
+    }
+
+    /// The direction in which the field grows fastest: a surface's normal, up to sign.
+    pub fn fastest_growth(&self) -> Vec2 {
+        fastest_growth(self.jacobian)
     }
 
     /// Whether the field looks as it does at a surface, not as at a jump between two.
@@ -92,9 +97,12 @@ impl Field {
 
     /// The vector field at a point; `None` for a signed distance and where no control points are in use.
     pub fn vector(&self, p: Vec2) -> Option<VectorAt> {
+        self.vector_at(&self.lattice().locate(p)?)
+    }
+
+    fn vector_at(&self, at: &Located) -> Option<VectorAt> {
         let Self::Vector { components, .. } = self else { return None };
-        let at = self.lattice().locate(p)?;
-        let [x, y] = [components[0].jet_at(&at), components[1].jet_at(&at)];
+        let [x, y] = [components[0].jet_at(at), components[1].jet_at(at)];
         let vector = Vec2::new(x.value, y.value);
         if !vector.x.is_finite() {
             return None;
@@ -129,7 +137,7 @@ impl Field {
                 (dot(&row, &surface.gather(at.cell)), marginals.of(kind).cell_form(first, &row))
             }
             Self::Vector { marginals, .. } => {
-                let vector = self.vector(p)?;
+                let vector = self.vector_at(&at)?;
                 let [xx, xy, yy] = marginals.of(kind).forms(first, &row);
                 let n = vector.direction;
                 (vector.vector.norm(), n.x * n.x * xx + 2.0 * n.x * n.y * xy + n.y * n.y * yy)
@@ -156,7 +164,7 @@ impl Field {
                 Some(Local { row, coefficients, covariance })
             }
             Self::Vector { components, marginals } => {
-                let n = self.vector(lattice.point(at.cell, at.local))?.direction;
+                let n = self.vector_at(at)?.direction;
                 let [x, y] = [0, 1].map(|axis: usize| gather(&components[axis].coefficients, &support));
                 let coefficients = std::array::from_fn(|k| n.x * x[k] + n.y * y[k]);
                 Some(Local { row, coefficients, covariance: marginals.of(kind).cell_along(support[0], n) })
@@ -186,11 +194,15 @@ fn direction(vector: Vec2, jacobian: Cov2, short: f64) -> Vec2 {
     match vector.try_normalize(short) {
         Some(direction) => direction,
         None => {
-            let eigen = SymmetricEigen::new(0.5 * (jacobian + jacobian.transpose()));
-            let fastest: Vec2 = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into();
+            let fastest = fastest_growth(jacobian);
             if fastest.dot(&vector) < 0.0 { -fastest } else { fastest }
         }
     }
+}
+
+fn fastest_growth(jacobian: Cov2) -> Vec2 {
+    let eigen = SymmetricEigen::new(0.5 * (jacobian + jacobian.transpose()));
+    eigen.eigenvectors.column(eigen.eigenvalues.imax()).into()
 }
 
 fn masked_diagonal(matrix: &StencilMatrix) -> Vec<f64> {

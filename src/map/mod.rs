@@ -11,7 +11,7 @@ mod query;
 use serde::{Deserialize, Serialize};
 
 pub use archive::{ArchiveError, factors_from_npz, factors_to_npz, on_lattice_npz, scipy_sparse, write_columns};
-pub use field::{Field, VectorAt, WALL_DIVERGENCE};
+pub use field::{Field, VectorAt};
 pub use query::Answer;
 
 use crate::fit::{Fit, Minimum, VectorFit, Weighting, Weights};

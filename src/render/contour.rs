@@ -97,7 +97,7 @@ fn onto_level(map: &FittedMap, mut p: Vec2, level: f64) -> Vec2 {
 
 /// The pieces of a line that lie where there is evidence.
 fn split_where_seen(map: &FittedMap, vertices: Vec<Vec2>) -> Vec<LineString<f64>> {
-    let jump = |p: Vec2| map.field.vector(p).is_some_and(|at| at.jacobian.trace() < 0.0);
+    let jump = |p: Vec2| map.field.vector(p).is_some_and(|at| at.divergence() < 0.0);
     let seen = |p: Vec2| map.evidence.at(map.lattice(), p).any() && !jump(p);
     let closed = vertices.len() > 2 && vertices.first() == vertices.last();
     let mut pieces: Vec<Vec<Coord<f64>>> = vec![Vec::new()];

@@ -1,8 +1,8 @@
 //! Where a vector field vanishes, and means it: walls.
 //!
 //! `|V|` touches zero without crossing it, and `V` also passes through zero where it jumps, half-way between two surfaces.
-//! Both are told apart by how `V` grows: across a wall along its normal `n` with slope 1 (divergence at least
-//! [`WALL_DIVERGENCE`](crate::map::WALL_DIVERGENCE)), across a jump against it. So each edge of a grid of samples is asked
+//! Both are told apart by how `V` grows: across a wall along its normal `n` with slope 1 (between the faces of a thin one with
+//! less, but its divergence stays positive), across a jump against it. So where a surface was met, each edge of a grid of samples is asked
 //! whether `n . V`, with `n` the direction of fastest growth at its middle, changes sign from one end to the other; the
 //! crossings of a square's edges are joined, and the joints chained to lines. A line's band reaches as many standard
 //! deviations of `n . V` to either side.
@@ -10,7 +10,6 @@
 use std::collections::BTreeMap;
 
 use geo_types::{Coord, LineString, MultiLineString, MultiPolygon, Polygon};
-use nalgebra::SymmetricEigen;
 
 use super::contour::Samples;
 use crate::geometry::Vec2;
@@ -72,8 +71,7 @@ fn wall_normal(map: &FittedMap, p: Vec2) -> Option<Vec2> {
     if !map.evidence.at(map.lattice(), p).surface {
         return None;
     }
-    let eigen = SymmetricEigen::new(0.5 * (at.jacobian + at.jacobian.transpose()));
-    Some(eigen.eigenvectors.column(eigen.eigenvalues.imax()).into())
+    Some(at.fastest_growth())
 }
 
 /// Which crossings lie on one square's edges: neighbours on a line.

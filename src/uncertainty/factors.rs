@@ -23,7 +23,7 @@ use nalgebra::Matrix3;
 use super::inputs::{CompressedColumns, for_each_misfit, for_each_return};
 use super::marginals::settle;
 use super::{Kind, UncertaintyError};
-use crate::fit::{Bordered, Fit, Poses, System, gauge, solve_components};
+use crate::fit::{Bordered, Fit, Poses, System, pose_block, solve_components};
 use crate::sparse::{Cholesky, Stencil, StencilMatrix};
 
 /// The Hessian and the inputs of a fit; see the module.
@@ -35,7 +35,7 @@ pub struct Factors {
     pub coupling: CompressedColumns,
     /// `P`, block by block, without the gauge's share.
     pub poses: Vec<Matrix3<f64>>,
-    /// `U` of [`gauge`]: `P` has `2 kappa U U^T` more.
+    /// `U` of [`crate::fit::gauge`]: `P` has `2 kappa U U^T` more.
     pub gauge: Mat<f64>,
     /// `B`: (coefficients + pose unknowns) x inputs.
     pub inputs: CompressedColumns,
@@ -213,7 +213,7 @@ impl Factors {
             self.coupling.column(k).for_each(|(row, value)| coupling[(place(row), k)] = value);
         }
         // P^-1 K^T: the elimination of both, Hessian and inputs.
-        let image = self.pose_block().llt(Side::Lower).ok()?.solve(coupling.transpose());
+        let image = pose_block(&self.poses, &self.gauge).llt(Side::Lower).ok()?.solve(coupling.transpose());
         let mut lost = &coupling * &image;
         let common = self.common_motion(&seen, &coupling, &lost)?;
         lost += &common.pull * &common.share * common.pull.transpose();
@@ -272,15 +272,6 @@ impl Factors {
         Some(CommonMotion { moved, pull, share })
     }
 
-    /// `P` whole.
-    fn pose_block(&self) -> Mat<f64> {
-        let mut block = gauge::spring(&self.gauge);
-        for (scan, own) in self.poses.iter().enumerate() {
-            (0..9).for_each(|k| block[(3 * scan + k / 3, 3 * scan + k % 3)] += own[(k / 3, k % 3)]);
-        }
-        block
-    }
-
     /// `M` whole, both triangles.
     pub fn bordered_hessian(&self) -> CompressedColumns {
         let n = self.coefficients();
@@ -292,7 +283,7 @@ impl Factors {
                 columns[row].insert(n + k, value);
             }
         }
-        let block = self.pose_block();
+        let block = pose_block(&self.poses, &self.gauge);
         for k in 0..block.ncols() {
             let own = (0..block.nrows()).filter(|&row| row / 3 == k / 3 || self.gauge.ncols() > 0);
             own.for_each(|row| _ = columns[n + k].insert(n + row, block[(row, k)]));

@@ -10,11 +10,14 @@ use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
 use super::surfels::{Surfel, Surfels, turned};
+use crate::fit::objective::gauss;
 use crate::geometry::Vec2;
 use crate::spline::Lattice;
 
-/// Collocation points along a cell's side: Gauss-Legendre of order two, in a cell's local coordinates.
-pub const GAUSS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
+/// Collocation points along a cell's side, in its local coordinates.
+pub(super) fn collocation() -> [f64; 2] {
+    [gauss(2)[0].0, gauss(2)[1].0]
+}
 
 /// Nearer to a surface than this many cells its normal is the direction.
 const NORMAL_WITHIN: f64 = 0.75;
@@ -52,11 +55,11 @@ impl Characteristics {
         let tree: RTree<GeomWithData<[f64; 2], usize>> = RTree::bulk_load(anchors);
         let [nx, ny] = lattice.cells;
         // The collocation points as one grid, 2 nx x 2 ny.
-        let width = 2 * nx;
+        let (width, along) = (2 * nx, collocation());
         let feet: Vec<Option<Foot>> = (0..width * 2 * ny)
             .map(|k| {
                 let cell = [k % width / 2, k / width / 2];
-                let local = [GAUSS[k % width % 2], GAUSS[k / width % 2]];
+                let local = [along[k % width % 2], along[k / width % 2]];
                 cells[lattice.cell_index(cell)]
                     .then(|| foot(lattice.point(cell, local), surfels, &tree, lattice.resolution))?
             })
@@ -130,7 +133,7 @@ mod tests {
         let traced = Characteristics::trace(&lattice, &surfels, &vec![true; lattice.cell_count()]);
         let mut straight = 0;
         for (i, j) in (0..lattice.cells[0]).flat_map(|i| (0..lattice.cells[1]).map(move |j| (i, j))) {
-            let y = lattice.point([i, j], [0.5, GAUSS[0]]).y;
+            let y = lattice.point([i, j], [0.5, collocation()[0]]).y;
             match traced.at(&lattice, [i, j], 0, 0) {
                 Some(direction) if (y - 1.0).abs() > 0.3 => straight += usize::from(direction.y.abs() > 0.99),
                 Some(_) => assert!((y - 1.0).abs() > 0.1, "the field jumps at {y}"),

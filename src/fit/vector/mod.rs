@@ -25,14 +25,14 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use faer::Mat;
-use nalgebra::Vector3;
 
 pub use characteristics::Characteristics;
 pub use objective::VectorObjective;
 pub use surfels::{Surfel, Surfels, Witness};
 
 use super::{
-    Bordered, FitError, FitOptions, Minimum, Poses, Progress, Viewpoint, Weights, gauge, information, viewpoints,
+    Bordered, FitError, FitOptions, Minimum, Poses, Progress, Viewpoint, Weights, corrected, gauge, information,
+    viewpoints,
 };
 use crate::geometry::{Pose, Vec2};
 use crate::scan::{Evidence, LaserScan, Noise, Return, returns_of};
@@ -198,21 +198,6 @@ fn viewpoints_of(scans: &[LaserScan], noise: &Noise, weights: &Weights) -> Resul
         viewpoints.iter_mut().for_each(|viewpoint| viewpoint.noise.pose = None);
     }
     Ok(viewpoints)
-}
-
-fn corrected(scans: &[LaserScan], viewpoints: &[Viewpoint], e: &[f64]) -> Vec<Pose> {
-    scans
-        .iter()
-        .zip(viewpoints)
-        .enumerate()
-        .map(|(scan, (laser, viewpoint))| match e.get(3 * scan..3 * scan + 3) {
-            Some(e) => {
-                let change = viewpoint.root * Vector3::from_column_slice(e);
-                Pose::new(laser.pose.x + change.x, laser.pose.y + change.y, laser.pose.theta + change.z)
-            }
-            None => laser.pose,
-        })
-        .collect()
 }
 
 /// Puts the returns where the poses say, and tells how far the farthest moved, metres.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
-use super::characteristics::{Characteristics, GAUSS};
+use super::characteristics::{Characteristics, collocation};
 use super::surfels::Surfels;
 use crate::fit::objective::thin_plate;
 use crate::fit::{Minimum, System, Weights};
@@ -58,7 +58,7 @@ impl VectorObjective {
         let (h, n) = (lattice.resolution, lattice.len());
         let plate = thin_plate(h, weights.smoothing);
         let rows: Vec<BasisRow> =
-            GAUSS.iter().flat_map(|&w| GAUSS.iter().map(move |&t| BasisRow::at(t, w, h))).collect();
+            collocation().into_iter().flat_map(|w| collocation().map(|t| BasisRow::at(t, w, h))).collect();
         let weight = 2.0 * weights.eikonal * h * h / rows.len() as f64;
         for (k, _) in cells.iter().enumerate().filter(|(_, active)| **active) {
             let cell = [k % lattice.cells[0], k / lattice.cells[0]];

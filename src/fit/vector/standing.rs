@@ -23,16 +23,10 @@ pub fn standing(surfels: &Surfels, scans: &[LaserScan], poses: &[Pose], h: f64) 
         .map(|scan| (0..scan.ranges.len()).filter_map(|beam| scan.range(beam)).fold(0.0, f64::max))
         .collect();
     let stands = |surfel: &Surfel| {
-        let stopped = surfels.witnesses(surfel).len() as f64;
-        let most_passes = stopped * (1.0 / LEAST_STOPPED - 1.0);
-        let mut passes = 0.0;
-        for ((scan, pose), reach) in scans.iter().zip(poses).zip(&reach) {
-            passes += f64::from(u8::from(passed(surfel, scan, pose, *reach, MARGIN * h)));
-            if passes > most_passes {
-                return false;
-            }
-        }
-        true
+        let most_passes = surfels.witnesses(surfel).len() as f64 * (1.0 / LEAST_STOPPED - 1.0);
+        let views = scans.iter().zip(poses).zip(&reach);
+        let mut passes = views.filter(|((scan, pose), reach)| passed(surfel, scan, pose, **reach, MARGIN * h));
+        passes.nth(most_passes as usize).is_none()
     };
     surfels.all.iter().map(stands).collect()
 }
