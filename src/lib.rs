@@ -13,6 +13,7 @@
 //! | [`map`] | a fitted map: query, files |
 //! | [`render`] | contours, occupancy grids, pictures |
 //! | [`sim`] | worlds with exact truth, a simulated LiDAR |
+//! | [`reproduce`] | the method's experiments, figure by figure |
 //! | `import` | CARMEN logs to job requests |
 //! | `jobs` | requests, validation, states |
 //! | `store` | job records (SQLite), artifacts |
@@ -20,13 +21,14 @@
 //! | `http` | the service |
 //! | `cli` | the command line |
 //!
-//! Everything down to `sim` is pure: data, an observer and a cancellation flag in, data or a typed error out. It builds
+//! Everything down to `reproduce` is pure: data, an observer and a cancellation flag in, data or a typed error out. It builds
 //! alone with `--no-default-features`.
 
 pub mod fit;
 pub mod geometry;
 pub mod map;
 pub mod render;
+pub mod reproduce;
 pub mod scan;
 pub mod sim;
 pub mod sparse;

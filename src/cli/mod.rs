@@ -4,6 +4,7 @@ mod client;
 mod demo;
 mod fit;
 mod health;
+mod reproduce;
 mod serve;
 mod submit;
 
@@ -34,6 +35,8 @@ enum Command {
     Fit(fit::FitCommand),
     /// Serve, submit the bundled example, write its pictures, keep serving.
     Demo(demo::Demo),
+    /// Draw every figure and table of the method's two experiments, from simulation.
+    Reproduce(reproduce::Reproduce),
     /// Ask whether a server is ready; the exit code tells.
     Health(health::Health),
 }
@@ -55,6 +58,8 @@ pub enum CliError {
     Archive(#[from] crate::map::ArchiveError),
     #[error(transparent)]
     Render(#[from] crate::render::RenderError),
+    #[error(transparent)]
+    Reproduce(#[from] crate::reproduce::ReproduceError),
     #[error("{0}")]
     Server(String),
 }
@@ -77,6 +82,7 @@ pub fn main() -> std::process::ExitCode {
         Command::Submit(command) => command.run(),
         Command::Fit(command) => command.run(),
         Command::Demo(command) => command.run(),
+        Command::Reproduce(command) => command.run(),
         Command::Health(command) => command.run(),
     };
     match outcome {

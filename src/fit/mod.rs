@@ -32,7 +32,7 @@ pub use objective::Objective;
 pub(crate) use objective::local_jet;
 pub use options::{FitOptions, Poses, Weighting, Weights};
 pub use sightings::{Placed, Sighting, Sightings, Viewpoint, Weighing};
-pub use start::signed_nearest_return;
+pub use start::{least_squares, signed_nearest_return};
 pub use vector::{Surfel, Surfels, VectorFit, VectorObjective, Witness, fit_vector};
 
 use crate::geometry::{Cov3, Pose, psd_square_root};

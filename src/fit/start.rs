@@ -35,6 +35,18 @@ pub fn signed_nearest_return(
     let surfaces =
         returns.iter().zip(outward).map(|(seen, outward)| GeomWithData::new([seen.point.x, seen.point.y], outward));
     let tree = RTree::bulk_load(surfaces.collect());
+    let at_mark = |[a, b]: [usize; 2], p: Vec2| signed_distance(&tree, p, evidence.mark(a, b).free);
+    least_squares(lattice, blur, cholesky, at_mark)
+}
+
+/// The least-squares spline of a function sampled at the evidence's marks; `sample` is given a mark and its place. `blur` is
+/// the length, in cells, over which it is smoothed.
+pub fn least_squares(
+    lattice: &Lattice,
+    blur: f64,
+    cholesky: &mut Cholesky,
+    sample: impl Fn([usize; 2], Vec2) -> f64,
+) -> Result<Surface, SparseError> {
     let samples = sample_rows(lattice.resolution);
     let mut normal = StencilMatrix::zeros(cholesky.stencil().clone());
     let mut rhs = vec![0.0; lattice.len()];
@@ -49,11 +61,10 @@ pub fn signed_nearest_return(
             let support = lattice.support([i, j]);
             normal.add_cell(support[0], &block);
             for (k, (row, local)) in samples.iter().enumerate() {
-                let p = lattice.point([i, j], *local);
-                let (a, b) = (i * SUBCELLS + k % SUBCELLS, j * SUBCELLS + k / SUBCELLS);
-                let distance = signed_distance(&tree, p, evidence.mark(a, b).free);
-                for (&at, value) in support.iter().zip(&row.value) {
-                    rhs[at] += value * distance;
+                let mark = [i * SUBCELLS + k % SUBCELLS, j * SUBCELLS + k / SUBCELLS];
+                let value = sample(mark, lattice.point([i, j], *local));
+                for (&at, basis) in support.iter().zip(&row.value) {
+                    rhs[at] += basis * value;
                 }
             }
         }

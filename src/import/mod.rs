@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use thiserror::Error;
 
 pub use carmen::parse_carmen;
-pub use corridor::{Corridor, CorridorError};
+pub use corridor::{CorridorError, parse_corridor};
 
 use crate::scan::{LaserScan, Noise};
 

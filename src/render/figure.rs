@@ -1,4 +1,4 @@
-//! A figure: axes in metres, a raster or paths in them, a colour bar. It is an SVG document.
+//! A figure: axes, a raster or paths in them, a colour bar, a legend. It is an SVG document.
 
 use std::fmt::Write;
 
@@ -15,37 +15,53 @@ const BOTTOM: f64 = 48.0;
 /// Figures taller than this are scaled down instead.
 const TALLEST: f64 = 4096.0;
 
-/// Where the map's metres lie in the picture's pixels; y is up in the one and down in the other.
+/// Where the data's units lie in the picture's pixels; y is up in the one and down in the other.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Axes {
     bounds: Bounds,
-    /// Pixels a metre.
-    scale: f64,
+    /// Pixels a unit, along x and y.
+    scale: [f64; 2],
+    labels: [&'static str; 2],
     /// The plot's size in whole pixels.
     pub width: usize,
     pub height: usize,
 }
 
 impl Axes {
-    /// Axes over `bounds` in a figure `width` pixels wide.
+    /// A map's axes, in metres, over `bounds` in a figure `width` pixels wide.
     pub fn new(bounds: Bounds, width: usize) -> Self {
         let [x, y] = bounds.size();
         let room = (width as f64 - LEFT - RIGHT).max(32.0);
         let scale = (room / x).min((TALLEST - TOP - BOTTOM) / y);
         let whole = |side: f64| ((side * scale).round() as usize).max(1);
-        Self { bounds, scale, width: whole(x), height: whole(y) }
+        Self { bounds, scale: [scale; 2], labels: ["x (m)", "y (m)"], width: whole(x), height: whole(y) }
+    }
+
+    /// A chart's axes, whose units differ, over `bounds` in a plot of so many pixels.
+    pub fn chart(bounds: Bounds, [width, height]: [usize; 2], labels: [&'static str; 2]) -> Self {
+        let [x, y] = bounds.size();
+        Self { bounds, scale: [width as f64 / x, height as f64 / y], labels, width, height }
+    }
+
+    pub fn bounds(&self) -> Bounds {
+        self.bounds
+    }
+
+    /// The whole figure's size in pixels.
+    pub(super) fn figure_size(&self) -> [f64; 2] {
+        [self.width as f64 + LEFT + RIGHT, self.height as f64 + TOP + BOTTOM]
     }
 
     /// The pixel position of a point.
     pub fn pixel(&self, p: Vec2) -> (f64, f64) {
-        (LEFT + (p.x - self.bounds.min[0]) * self.scale, TOP + (self.bounds.max[1] - p.y) * self.scale)
+        (LEFT + (p.x - self.bounds.min[0]) * self.scale[0], TOP + (self.bounds.max[1] - p.y) * self.scale[1])
     }
 
     /// The point under the centre of a plot pixel, (0, 0) at the top left.
     pub fn point(&self, column: usize, row: usize) -> Vec2 {
         Vec2::new(
-            self.bounds.min[0] + (column as f64 + 0.5) / self.scale,
-            self.bounds.max[1] - (row as f64 + 0.5) / self.scale,
+            self.bounds.min[0] + (column as f64 + 0.5) / self.scale[0],
+            self.bounds.max[1] - (row as f64 + 0.5) / self.scale[1],
         )
     }
 }
@@ -58,7 +74,7 @@ pub struct Figure {
 
 impl Figure {
     pub fn new(axes: Axes, title: &str) -> Self {
-        let (width, height) = (axes.width as f64 + LEFT + RIGHT, axes.height as f64 + TOP + BOTTOM);
+        let [width, height] = axes.figure_size();
         let mut svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
              viewBox=\"0 0 {width} {height}\" font-family=\"{FONT}, sans-serif\" font-size=\"12\" fill=\"#222\">\n\
@@ -144,6 +160,22 @@ impl Figure {
         let _ = writeln!(self.svg, "<text x=\"{x}\" y=\"{}\" font-size=\"11\">{}</text>", TOP - 8.0, escaped(label));
     }
 
+    /// Names of what is drawn in which colour, at the right of the plot.
+    pub fn legend(&mut self, entries: &[(&str, &str)]) {
+        let x = LEFT + self.axes.width as f64 + 8.0;
+        for (k, (name, color)) in entries.iter().enumerate() {
+            let y = TOP + 10.0 + 16.0 * k as f64;
+            let _ = writeln!(
+                self.svg,
+                "<path d=\"M{x} {y}h14\" stroke=\"{color}\" stroke-width=\"3\"/>\
+                 <text x=\"{}\" y=\"{}\" font-size=\"11\">{}</text>",
+                x + 18.0,
+                y + 4.0,
+                escaped(name)
+            );
+        }
+    }
+
     /// The frame, ticks and labels; the document ends here.
     pub fn finish(mut self) -> String {
         let Axes { bounds, width, height, .. } = self.axes;
@@ -172,11 +204,12 @@ impl Figure {
             );
         }
         let middle = (LEFT + right) / 2.0;
-        let _ = writeln!(self.svg, "<text x=\"{middle}\" y=\"{}\" text-anchor=\"middle\">x (m)</text>", low + 38.0);
+        let [x_label, y_label] = self.axes.labels;
+        let _ = writeln!(self.svg, "<text x=\"{middle}\" y=\"{}\" text-anchor=\"middle\">{x_label}</text>", low + 38.0);
         let half = (TOP + low) / 2.0;
         let _ = writeln!(
             self.svg,
-            "<text x=\"16\" y=\"{half}\" text-anchor=\"middle\" transform=\"rotate(-90 16 {half})\">y (m)</text>"
+            "<text x=\"16\" y=\"{half}\" text-anchor=\"middle\" transform=\"rotate(-90 16 {half})\">{y_label}</text>"
         );
         self.svg.push_str("</svg>\n");
         self.svg

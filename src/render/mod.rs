@@ -11,6 +11,7 @@ mod nav2;
 mod occupancy;
 mod picture;
 mod raster;
+mod sheet;
 mod walls;
 
 use thiserror::Error;
@@ -20,8 +21,10 @@ pub use figure::{Axes, Figure};
 pub use geojson::to_geojson;
 pub use nav2::{to_nav2_zip, to_pgm};
 pub use occupancy::{OccupancyGrid, Trinary};
-pub use picture::{Layer, Overlay, Picture, contour_picture, map_picture};
+pub(crate) use picture::shade;
+pub use picture::{Layer, Overlay, Picture, contour_picture, draw_contours, draw_poses, map_figure, map_picture};
 pub use raster::{grayscale_png, rgba_png, svg_to_png};
+pub use sheet::Sheet;
 
 #[derive(Debug, Error)]
 pub enum RenderError {

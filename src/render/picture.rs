@@ -6,7 +6,7 @@ use super::RenderError;
 use super::contour::{Contours, contours};
 use super::figure::{Axes, Figure};
 use super::occupancy::OccupancyGrid;
-use crate::geometry::Vec2;
+use crate::geometry::{Pose, Vec2};
 use crate::map::{Field, FittedMap};
 use crate::uncertainty::Kind;
 
@@ -41,6 +41,11 @@ const UNSEEN: [u8; 4] = [214, 214, 214, 255];
 
 /// The picture as SVG.
 pub fn map_picture(map: &FittedMap, picture: &Picture) -> Result<String, RenderError> {
+    Ok(map_figure(map, picture)?.finish())
+}
+
+/// The picture as a figure that more can be drawn into.
+pub fn map_figure(map: &FittedMap, picture: &Picture) -> Result<Figure, RenderError> {
     let mut figure = Figure::new(Axes::new(map.lattice().bounds(), picture.width), &picture.title);
     match picture.layer {
         Layer::Distance => distance_layer(map, &mut figure)?,
@@ -54,10 +59,10 @@ pub fn map_picture(map: &FittedMap, picture: &Picture) -> Result<String, RenderE
                 draw_contours(&traced, &mut figure);
             }
             Overlay::Points => figure.dots(map.returns.iter().copied(), 0.6, "#d95f02"),
-            Overlay::Poses => draw_poses(map, &mut figure),
+            Overlay::Poses => draw_poses(&map.poses, &mut figure),
         }
     }
-    Ok(figure.finish())
+    Ok(figure)
 }
 
 /// Contours alone, as SVG.
@@ -130,7 +135,8 @@ fn occupancy_layer(map: &FittedMap, kind: Kind, figure: &mut Figure) -> Result<(
     Ok(())
 }
 
-fn draw_contours(traced: &Contours, figure: &mut Figure) {
+/// Draws the level's lines, and its band.
+pub fn draw_contours(traced: &Contours, figure: &mut Figure) {
     let points = |line: &geo_types::LineString<f64>| line.0.iter().map(|c| Vec2::new(c.x, c.y)).collect::<Vec<_>>();
     if let Some((_, band)) = &traced.band {
         for polygon in &band.0 {
@@ -143,18 +149,19 @@ fn draw_contours(traced: &Contours, figure: &mut Figure) {
     figure.path(lines.iter().map(Vec::as_slice), false, "fill=\"none\" stroke=\"black\" stroke-width=\"1.2\"");
 }
 
-fn draw_poses(map: &FittedMap, figure: &mut Figure) {
-    let length = (map.lattice().bounds().size()[0] / 40.0).max(map.lattice().resolution);
-    let arrows: Vec<[Vec2; 2]> = map.poses.iter().map(|pose| [pose.position(), pose.project(length, 0.0)]).collect();
+/// Draws poses as dots with an arrow where they look.
+pub fn draw_poses(poses: &[Pose], figure: &mut Figure) {
+    let length = figure.axes.bounds().size()[0] / 40.0;
+    let arrows: Vec<[Vec2; 2]> = poses.iter().map(|pose| [pose.position(), pose.project(length, 0.0)]).collect();
     figure.path(
         arrows.iter().map(|arrow| arrow.as_slice()),
         false,
         "fill=\"none\" stroke=\"#7570b3\" stroke-width=\"1.5\"",
     );
-    figure.dots(map.poses.iter().map(|pose| pose.position()), 2.5, "#7570b3");
+    figure.dots(poses.iter().map(|pose| pose.position()), 2.5, "#7570b3");
 }
 
-fn shade(gradient: Gradient, t: f64) -> [u8; 3] {
+pub(crate) fn shade(gradient: Gradient, t: f64) -> [u8; 3] {
     gradient.eval_continuous(if t.is_finite() { t.clamp(0.0, 1.0) } else { 0.0 }).as_array()
 }
 

@@ -4,8 +4,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::world::World;
-use crate::geometry::Pose;
+use crate::geometry::{Pose, Vec2};
 use crate::scan::{LaserScan, Noise};
 
 /// A scanner: `beams` beams spread evenly over `field_of_view` radians, the middle one straight ahead.
@@ -32,8 +31,14 @@ impl Lidar {
     }
 }
 
+/// What a beam can meet.
+pub trait Scene {
+    /// How far the nearest wall is along a unit direction.
+    fn cast(&self, from: Vec2, direction: Vec2) -> Option<f64>;
+}
+
 /// One scan per true pose. The scan carries the noisy pose; ranges are measured from the true one.
-pub fn simulate(world: &World, lidar: &Lidar, poses: &[Pose], noise: &Noise, seed: u64) -> Vec<LaserScan> {
+pub fn simulate(scene: &impl Scene, lidar: &Lidar, poses: &[Pose], noise: &Noise, seed: u64) -> Vec<LaserScan> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut normal = |sigma: f64| {
         let z: f64 = StandardNormal.sample(&mut rng);
@@ -46,7 +51,7 @@ pub fn simulate(world: &World, lidar: &Lidar, poses: &[Pose], noise: &Noise, see
                 .map(|beam| {
                     let bearing = lidar.angle_min() + beam as f64 * lidar.angle_increment();
                     let error = normal(noise.sigma_range);
-                    match world.cast(pose.position(), pose.direction(bearing)) {
+                    match scene.cast(pose.position(), pose.direction(bearing)) {
                         Some(range) if range <= lidar.range_max => range + error,
                         _ => f64::NAN,
                     }
@@ -92,6 +97,7 @@ pub fn misplaced(scans: &[LaserScan], noise: &Noise, seed: u64) -> Vec<LaserScan
 mod tests {
     use super::*;
     use crate::scan::returns_of;
+    use crate::sim::World;
 
     #[test]
     fn without_noise_every_return_lies_on_a_wall() {

@@ -3,7 +3,8 @@
 //! Where a [`World`](super::World) has an inside, a plan has none: the truth for a vector map is the nearest point of any
 //! wall.
 
-use super::lidar::Lidar;
+use super::lidar::{Lidar, Scene};
+use super::world::hit;
 use crate::geometry::{Pose, Vec2, nearest_on_segment, wrap_angle};
 
 /// Walls of a building.
@@ -29,13 +30,7 @@ impl Plan {
     pub fn sees(&self, from: Vec2, target: Vec2) -> bool {
         let offset = target - from;
         let distance = offset.norm();
-        distance == 0.0
-            || !self.walls.iter().any(|&(a, b)| {
-                let (wall, direction) = (b - a, offset / distance);
-                let cross = direction.perp(&wall);
-                let (along, range) = ((a - from).perp(&direction) / cross, (a - from).perp(&wall) / cross);
-                (0.0..=1.0).contains(&along) && range > 1e-9 && range < distance - TOUCH
-            })
+        distance == 0.0 || self.cast(from, offset / distance).is_none_or(|range| range >= distance - TOUCH)
     }
 
     /// Whether a scanner at some pose has a point in view.
@@ -76,6 +71,12 @@ impl Plan {
             (self.nearest(beside) - self.nearest(p)).norm() <= 1.5 * reach
                 && away(beside).is_none_or(|other| other.dot(&own).abs() > 0.5)
         })
+    }
+}
+
+impl Scene for Plan {
+    fn cast(&self, from: Vec2, direction: Vec2) -> Option<f64> {
+        self.walls.iter().filter_map(|&(a, b)| hit(from, direction, a, b)).min_by(f64::total_cmp)
     }
 }
 

@@ -1,5 +1,6 @@
 //! A room bounded by a polygon, with polygonal pillars in it.
 
+use super::lidar::Scene;
 use crate::geometry::{Bounds, Vec2, nearest_on_segment};
 
 /// Free space inside `outline` and outside every pillar. The corners' orientation does not matter.
@@ -95,11 +96,6 @@ impl World {
             .unwrap_or(p)
     }
 
-    /// How far the nearest wall is along a unit direction.
-    pub fn cast(&self, from: Vec2, direction: Vec2) -> Option<f64> {
-        self.walls().filter_map(|(a, b)| hit(from, direction, a, b)).min_by(f64::total_cmp)
-    }
-
     /// Whether nothing stands between a free point and a point on a wall (or in free space).
     pub fn sees(&self, from: Vec2, target: Vec2) -> bool {
         let offset = target - from;
@@ -132,6 +128,12 @@ impl World {
     }
 }
 
+impl Scene for World {
+    fn cast(&self, from: Vec2, direction: Vec2) -> Option<f64> {
+        self.walls().filter_map(|(a, b)| hit(from, direction, a, b)).min_by(f64::total_cmp)
+    }
+}
+
 fn edges(corners: &[Vec2]) -> impl Iterator<Item = (Vec2, Vec2)> + '_ {
     (0..corners.len()).map(|k| (corners[k], corners[(k + 1) % corners.len()]))
 }
@@ -145,7 +147,8 @@ fn inside(corners: &[Vec2], p: Vec2) -> bool {
         == 1
 }
 
-fn hit(from: Vec2, direction: Vec2, a: Vec2, b: Vec2) -> Option<f64> {
+/// How far a wall is along a unit direction, where the ray meets it.
+pub(super) fn hit(from: Vec2, direction: Vec2, a: Vec2, b: Vec2) -> Option<f64> {
     let wall = b - a;
     let cross = direction.perp(&wall);
     if cross == 0.0 {

@@ -32,6 +32,11 @@ const SHORTEST: f64 = 0.05;
 /// distance, plus this many cells, have the cut locus between them.
 const JUMP: f64 = 1.5;
 const SLACK: f64 = 0.5;
+/// Between two faces of one wall, farther apart than the one and nearer than the other of these many cells, the field turns back: no
+/// direction holds there.
+const THICK: [f64; 2] = [0.1, 2.0];
+/// Faces whose normals' cosine is below this are opposite ones.
+const OPPOSITE: f64 = -0.8;
 /// Neighbours are looked at this many collocation points away.
 const WINDOW: isize = 3;
 
@@ -92,15 +97,28 @@ impl Characteristics {
 }
 
 fn foot(x: Vec2, surfels: &Surfels, tree: &RTree<GeomWithData<[f64; 2], usize>>, h: f64) -> Option<Foot> {
-    let mut near = tree.nearest_neighbor_iter(x.into()).take(TIES).map(|at| &surfels.all[at.data]);
-    let nearest = near.next()?;
+    let near: Vec<&Surfel> = tree.nearest_neighbor_iter(x.into()).take(TIES).map(|at| &surfels.all[at.data]).collect();
+    let (nearest, others) = near.split_first()?;
+    if others.iter().any(|other| between_faces(nearest, other, x, h)) {
+        return None;
+    }
     let (point, own) = (nearest_point(nearest, x).0, direction(nearest, x, h));
     let distance = (x - point).norm();
-    let sum = near.fold(own, |sum, other| {
+    let sum = others.iter().fold(own, |sum, other| {
         let (farther, way) = ((x - nearest_point(other, x).0).norm() - distance, direction(other, x, h));
         if way.dot(&own) > ALIKE { sum + way * (-farther.max(0.0) / (TIE * h)).exp() } else { sum }
     });
     Some(Foot { place: x, point, direction: sum.normalize() })
+}
+
+/// Whether `x` lies inside a wall of which both faces were seen: behind either, as the scanners saw them.
+fn between_faces(one: &Surfel, other: &Surfel, x: Vec2, h: f64) -> bool {
+    let [near, far] = [one, other].map(|face| nearest_point(face, x).0);
+    let thickness = one.normal.dot(&(far - near)) / h;
+    one.normal.dot(&other.normal) < OPPOSITE
+        && (THICK[0]..THICK[1]).contains(&thickness)
+        && one.normal.dot(&(x - near)) > 0.0
+        && other.normal.dot(&(x - far)) > 0.0
 }
 
 /// The direction from a surfel to `x`.
