@@ -46,7 +46,7 @@ const LARGEST_BORDER: usize = 2_000_000;
 /// `calibrated` asks for unit slope where there is evidence, and this many cells around it. Farther off, nothing says which
 /// of the many distance functions is the true one; the surface is continued smoothly, and a fit of a half-seen place
 /// converges.
-const EIKONAL_BAND: usize = 1;
+const EIKONAL_BAND: f64 = 1.0;
 
 /// Steps a factorisation serves after its own under the squared loss, whose Hessian changes slowly along its valleys.
 const CHORDS: usize = 1;
@@ -113,7 +113,11 @@ pub fn fit(
     let weights = Weights::resolve(options, lattice.resolution, refinable, information);
     let viewpoints = viewpoints(scans, noise, weights.model_sigma)?;
     let evidence = Evidence::gather(lattice, scans);
-    let mut cholesky = Cholesky::analyse(&Stencil::of(lattice))?;
+    let stencil = match options.band {
+        Some(band) => Stencil::of_cells(lattice, &evidence.cells_within(lattice, band)),
+        None => Stencil::of(lattice),
+    };
+    let mut cholesky = Cholesky::analyse(&stencil)?;
     let calibrated = options.weighting == Weighting::Calibrated;
     let severity = if calibrated { continuation::severity(&returns, &viewpoints, lattice.resolution) } else { 0.0 };
     let start = signed_nearest_return(lattice, &returns, &evidence, severity, &mut cholesky)?;
@@ -124,16 +128,16 @@ pub fn fit(
     let sightings = Sightings::new(lattice, returns, viewpoints, weighing);
     let loss = weights.eikonal_loss(options.weighting, lattice.resolution);
     let cells = calibrated.then(|| evidence.cells_within(lattice, EIKONAL_BAND));
-    let (stencil, points) = (cholesky.stencil().clone(), if calibrated { 3 } else { 2 });
-    let mut objective = Objective::new(lattice.clone(), stencil, sightings, loss, weights.smoothing, cells, points);
+    let points = if calibrated { 3 } else { 2 };
+    let mut objective =
+        Objective::new(lattice.clone(), stencil.clone(), sightings, loss, weights.smoothing, cells, points);
 
     let mut unknowns = start.coefficients;
     let mut descent = Descent { objective: &mut objective, cholesky: &mut cholesky, weights: &weights, options };
     let (minimum, system) = descent.run(&mut unknowns, loss, severity, observer)?;
-    let coefficients = unknowns[..lattice.len()].to_vec();
     let poses = corrected(scans, &objective.sightings.viewpoints, &unknowns[lattice.len()..]);
     Ok(Fit {
-        surface: Surface { lattice: lattice.clone(), coefficients },
+        surface: in_use(lattice, &stencil, unknowns[..lattice.len()].to_vec()),
         evidence,
         converged: minimum.relative_gradient <= options.tolerance && minimum.positive_definite,
         minimum,
@@ -219,6 +223,12 @@ fn viewpoints(scans: &[LaserScan], noise: &Noise, model_sigma: f64) -> Result<Ve
             Ok(Viewpoint { position: laser.pose.position(), root, noise })
         })
         .collect()
+}
+
+/// The surface of coefficients: NaN at control points that are not in use.
+fn in_use(lattice: &Lattice, stencil: &Stencil, mut coefficients: Vec<f64>) -> Surface {
+    coefficients.iter_mut().enumerate().filter(|(k, _)| !stencil.is_active(*k)).for_each(|(_, c)| *c = f64::NAN);
+    Surface { lattice: lattice.clone(), coefficients }
 }
 
 /// The poses for the pose unknowns `e`, which are empty where poses are fixed.

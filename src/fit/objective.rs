@@ -135,7 +135,9 @@ impl Objective {
                 total += self.eikonal.value(point.weight, g);
             }
         }
-        for (cell, sightings) in self.sightings.at(&self.lattice, e).by_cell(&self.lattice) {
+        for (cell, sightings) in
+            self.sightings.at(&self.lattice, e).by_cell(&self.lattice).filter(|(cell, _)| self.uses(*cell))
+        {
             let local = gather(c, &self.lattice.support(cell));
             for sighting in sightings {
                 let row = self.lattice.row(&sighting.located);
@@ -167,7 +169,9 @@ impl Objective {
             }
             support.iter().zip(&slope).for_each(|(&k, s)| gradient[k] += s);
         }
-        for (cell, sightings) in self.sightings.at(&self.lattice, &[]).by_cell(&self.lattice) {
+        for (cell, sightings) in
+            self.sightings.at(&self.lattice, &[]).by_cell(&self.lattice).filter(|(cell, _)| self.uses(*cell))
+        {
             let support = self.lattice.support(cell);
             let local = gather(unknowns, &support);
             for sighting in sightings {
@@ -204,6 +208,8 @@ impl Objective {
         let (c, e) = unknowns.split_at(self.lattice.len());
         system.clear();
         let surface = self.assemble_surface(c, curvature, system);
+        let stencil = &self.stencil;
+        system.hessian.shift_diagonal(|k| f64::from(u8::from(!stencil.is_active(k))));
         let sightings = self.assemble_sightings(c, e, curvature, system);
         for (gradient, e) in system.gradient[c.len()..].iter_mut().zip(e) {
             *gradient += 2.0 * e;
@@ -246,7 +252,9 @@ impl Objective {
 
     fn assemble_sightings(&self, c: &[f64], e: &[f64], curvature: Curvature, system: &mut System) -> f64 {
         let mut total = 0.0;
-        for (cell, sightings) in self.sightings.at(&self.lattice, e).by_cell(&self.lattice) {
+        for (cell, sightings) in
+            self.sightings.at(&self.lattice, e).by_cell(&self.lattice).filter(|(cell, _)| self.uses(*cell))
+        {
             let support = self.lattice.support(cell);
             let local = gather(c, &support);
             let (mut block, mut slope) = (CellBlock::ZERO, [0.0; SUPPORT]);
@@ -305,9 +313,15 @@ impl Objective {
         }
     }
 
-    fn cells(&self) -> impl Iterator<Item = [usize; 2]> + use<> {
+    /// The cells whose control points are in use.
+    fn cells(&self) -> impl Iterator<Item = [usize; 2]> + '_ {
         let [nx, ny] = self.lattice.cells;
-        (0..ny).flat_map(move |j| (0..nx).map(move |i| [i, j]))
+        (0..ny).flat_map(move |j| (0..nx).map(move |i| [i, j])).filter(|&cell| self.uses(cell))
+    }
+
+    /// Whether a cell's control points are in use. A return that a refined pose puts where they are not is out of the map.
+    pub(crate) fn uses(&self, cell: [usize; 2]) -> bool {
+        self.stencil.is_active_cell(self.lattice.support(cell)[0])
     }
 }
 

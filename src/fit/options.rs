@@ -39,6 +39,9 @@ pub struct FitOptions {
     pub smoothing: Option<f64>,
     /// What stands for what the spline cannot follow, metres.
     pub model_sigma: Option<f64>,
+    /// Control points are in use where evidence is at most this many cells away. `None`: a vector distance takes its own; a signed one,
+    /// which continues smoothly into space nobody saw, has all.
+    pub band: Option<f64>,
 }
 
 impl Default for FitOptions {
@@ -52,6 +55,7 @@ impl Default for FitOptions {
             eikonal_scale: None,
             smoothing: None,
             model_sigma: None,
+            band: None,
         }
     }
 }

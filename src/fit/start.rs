@@ -59,6 +59,9 @@ pub fn least_squares(
     for j in 0..lattice.cells[1] {
         for i in 0..lattice.cells[0] {
             let support = lattice.support([i, j]);
+            if !cholesky.stencil().is_active_cell(support[0]) {
+                continue;
+            }
             normal.add_cell(support[0], &block);
             for (k, (row, local)) in samples.iter().enumerate() {
                 let mark = [i * SUBCELLS + k % SUBCELLS, j * SUBCELLS + k / SUBCELLS];

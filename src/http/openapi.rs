@@ -115,6 +115,9 @@ pub struct FitRequestBody {
     smoothing: Option<f64>,
     /// What stands for what the spline cannot follow, metres; 2.5 % of the resolution by default.
     model_sigma: Option<f64>,
+    /// Control points are in use where evidence is at most this many cells away, and null elsewhere. By default an sdf has all, and a
+    /// vdf those within half a cell.
+    band: Option<f64>,
 }
 
 /// A lattice of control points.

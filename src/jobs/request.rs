@@ -304,6 +304,7 @@ impl Reader<'_> {
             "eikonal_scale",
             "smoothing",
             "model_sigma",
+            "band",
         ];
         self.object(node, at, &names)?;
         let weighting = self.optional(node, at, "weighting", |r, n, p| r.choice(n, p, &["paper", "calibrated"]));
@@ -314,6 +315,7 @@ impl Reader<'_> {
         let (eikonal_weight, eikonal_scale) = (weight("eikonal_weight"), weight("eikonal_scale"));
         let model_sigma = self.optional(node, at, "model_sigma", |r, n, p| r.number(n, p, 0.0, 1e3));
         let smoothing = self.optional(node, at, "smoothing", |r, n, p| r.number(n, p, 0.0, 1e9));
+        let band = self.optional(node, at, "band", |r, n, p| r.number(n, p, 0.0, 1e4));
         let (weighting, poses) = (weighting?, poses?);
         if (weighting, poses) == (Some("paper"), Some("refined")) {
             return self.fault(&format!("{at}/poses"), "the published objective has fixed poses; use calibrated");
@@ -328,6 +330,7 @@ impl Reader<'_> {
             eikonal_scale: eikonal_scale?,
             smoothing: smoothing?,
             model_sigma: model_sigma?,
+            band: band?,
         })
     }
 

@@ -125,10 +125,8 @@ fn read_field(npz: &mut NpzReader<'_>, lattice: &Lattice) -> Result<Field, Archi
         }
         surfaces.push(Surface { lattice: lattice.clone(), coefficients });
     }
-    let stencil = match &surfaces[..] {
-        [x, _] => Stencil::over(lattice, x.coefficients.iter().map(|c| c.is_finite()).collect()),
-        _ => Stencil::of(lattice),
-    };
+    let active: Vec<bool> = surfaces[0].coefficients.iter().map(|c| c.is_finite()).collect();
+    let stencil = if active.contains(&false) { Stencil::over(lattice, active) } else { Stencil::of(lattice) };
     let mut covariance = |name: &str| -> Result<StencilMatrix, ArchiveError> {
         let mut matrix = StencilMatrix::zeros(stencil.clone());
         let values: Vec<f64> = npz.array(name)?;

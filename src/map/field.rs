@@ -95,18 +95,24 @@ impl Field {
         }
     }
 
+    /// Where a point lies on the lattice; `None` outside it and where no control points are in use.
+    pub fn locate(&self, p: Vec2) -> Option<Located> {
+        let stencil = match self {
+            Self::Signed { marginals, .. } => marginals.posterior.stencil(),
+            Self::Vector { marginals, .. } => marginals.posterior.xx.stencil(),
+        };
+        self.lattice().locate(p).filter(|at| stencil.is_active_cell(self.lattice().support(at.cell)[0]))
+    }
+
     /// The vector field at a point; `None` for a signed distance and where no control points are in use.
     pub fn vector(&self, p: Vec2) -> Option<VectorAt> {
-        self.vector_at(&self.lattice().locate(p)?)
+        self.vector_at(&self.locate(p)?)
     }
 
     fn vector_at(&self, at: &Located) -> Option<VectorAt> {
         let Self::Vector { components, .. } = self else { return None };
         let [x, y] = [components[0].jet_at(at), components[1].jet_at(at)];
         let vector = Vec2::new(x.value, y.value);
-        if !vector.x.is_finite() {
-            return None;
-        }
         let jacobian = Cov2::from_rows(&[x.gradient.transpose(), y.gradient.transpose()]);
         let direction = direction(vector, jacobian, SHORT * self.lattice().resolution);
         Some(VectorAt { vector, jacobian, direction })
@@ -115,7 +121,7 @@ impl Field {
     /// The distance, negative in free space where it is signed.
     pub fn value(&self, p: Vec2) -> Option<f64> {
         match self {
-            Self::Signed { surface, .. } => surface.value(p),
+            Self::Signed { surface, .. } => self.locate(p).map(|at| surface.jet_at(&at).value),
             Self::Vector { .. } => self.vector(p).map(|at| at.vector.norm()),
         }
     }
@@ -123,14 +129,16 @@ impl Field {
     /// The distance and its gradient.
     pub fn slope(&self, p: Vec2) -> Option<(f64, Vec2)> {
         match self {
-            Self::Signed { surface, .. } => surface.jet(p).map(|jet| (jet.value, jet.gradient)),
+            Self::Signed { surface, .. } => {
+                self.locate(p).map(|at| surface.jet_at(&at)).map(|jet| (jet.value, jet.gradient))
+            }
             Self::Vector { .. } => self.vector(p).map(|at| (at.vector.norm(), at.jacobian.transpose() * at.direction)),
         }
     }
 
     /// The distance and its standard deviation.
     pub fn distance(&self, p: Vec2, kind: Kind) -> Option<(f64, f64)> {
-        let at = self.lattice().locate(p)?;
+        let at = self.locate(p)?;
         let (row, first) = (self.lattice().row(&at).value, self.lattice().support(at.cell)[0]);
         let (distance, variance) = match self {
             Self::Signed { surface, marginals } => {
@@ -149,7 +157,7 @@ impl Field {
     /// The vector's covariance [xx, xy, yy] at a point, square metres.
     pub fn vector_covariance(&self, p: Vec2, kind: Kind) -> Option<[f64; 3]> {
         let Self::Vector { marginals, .. } = self else { return None };
-        let at = self.lattice().locate(p)?;
+        let at = self.locate(p)?;
         let first = self.lattice().support(at.cell)[0];
         Some(marginals.of(kind).forms(first, &self.lattice().row(&at).value))
     }

@@ -45,7 +45,7 @@ pub struct FitReport {
     /// Of a vector map: the share of the space fitted that lies at the cut locus, where the field jumps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cut_locus: Option<f64>,
-    /// Of a vector map: the control points in use.
+    /// The control points in use, where these are not all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub active_control_points: Option<usize>,
 }
@@ -79,7 +79,11 @@ impl FittedMap {
         let mut returns = vec![Vec2::zeros(); fit.objective.sightings.returns.len()];
         placed.iter().for_each(|sighting| returns[sighting.source] = sighting.seen.point);
         let minimum = fit.minimum;
-        let report = FitReport::of(fit.weighting, fit.converged, minimum, returns.len(), fit.weights, seconds());
+        let stencil = fit.cholesky.stencil();
+        let report = FitReport {
+            active_control_points: Some(stencil.active_len()).filter(|&active| active < stencil.dimension()),
+            ..FitReport::of(fit.weighting, fit.converged, minimum, returns.len(), fit.weights, seconds())
+        };
         let map = Self {
             field: Field::Signed { surface: fit.surface, marginals },
             evidence: fit.evidence,

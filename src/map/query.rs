@@ -26,7 +26,7 @@ pub struct Answer {
 impl FittedMap {
     /// The answer at a point, or `None` outside the lattice and where no control points are in use.
     pub fn query(&self, p: Vec2, kind: Kind) -> Option<Answer> {
-        let at = self.lattice().locate(p)?;
+        let at = self.field.locate(p)?;
         let local = self.field.local(&at, kind)?;
         let (row, block) = (&local.row, &local.covariance);
         let (on_value, on_x, on_y) = (block.times(&row.value), block.times(&row.dx), block.times(&row.dy));

@@ -88,21 +88,23 @@ impl Evidence {
         Seen { free: mark & FREE != 0, surface: mark & SURFACE != 0 }
     }
 
-    /// The cells, x fastest, that have a mark in them or at most `band` cells away.
-    pub fn cells_within(&self, lattice: &Lattice, band: usize) -> Vec<bool> {
-        let [nx, ny] = lattice.cells;
-        let mut near = vec![false; nx * ny];
-        for (k, _) in self.marks.iter().enumerate().filter(|(_, mark)| **mark != 0) {
-            let (i, j) = (k % self.size[0] / SUBCELLS, k / self.size[0] / SUBCELLS);
-            near[i + j * nx] = true;
-        }
-        let spread = |from: &[bool], at: usize, along: usize, length: usize, place: usize| {
-            let low = place.saturating_sub(band);
-            let high = (place + band).min(length - 1);
-            (low..=high).any(|other| from[at - place * along + other * along])
+    /// The cells, x fastest, that have a mark in them or at most `band` cells away along x and y, to a quarter of a cell.
+    pub fn cells_within(&self, lattice: &Lattice, band: f64) -> Vec<bool> {
+        let ([nx, ny], [width, height]) = (lattice.cells, self.size);
+        let reach = (band * SUBCELLS as f64).round().clamp(0.0, (width.max(height)) as f64) as usize;
+        // The cells along one axis that a mark there reaches.
+        let span = |mark: usize, cells: usize| {
+            mark.saturating_sub(reach) / SUBCELLS..=((mark + reach) / SUBCELLS).min(cells - 1)
         };
-        let rows: Vec<bool> = (0..nx * ny).map(|at| spread(&near, at, 1, nx, at % nx)).collect();
-        (0..nx * ny).map(|at| spread(&rows, at, nx, ny, at / nx)).collect()
+        let mut rows = vec![false; nx * height];
+        for (k, _) in self.marks.iter().enumerate().filter(|(_, mark)| **mark != 0) {
+            span(k % width, nx).for_each(|i| rows[i + k / width * nx] = true);
+        }
+        let mut near = vec![false; nx * ny];
+        for (k, _) in rows.iter().enumerate().filter(|(_, reached)| **reached) {
+            span(k / nx, ny).for_each(|j| near[k % nx + j * nx] = true);
+        }
+        near
     }
 
     fn mark_free(&mut self, lattice: &Lattice, sweep: &Sweep<'_>) {

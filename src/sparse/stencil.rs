@@ -127,6 +127,18 @@ impl Stencil {
         Self::build(size, None)
     }
 
+    /// The pattern of the control points of the cells that are marked, x fastest.
+    pub fn of_cells(lattice: &Lattice, cells: &[bool]) -> Arc<Self> {
+        let mut active = vec![false; lattice.len()];
+        for (k, _) in cells.iter().enumerate().filter(|(_, marked)| **marked) {
+            lattice
+                .support([k % lattice.cells[0], k / lattice.cells[0]])
+                .iter()
+                .for_each(|&point| active[point] = true);
+        }
+        Self::over(lattice, active)
+    }
+
     /// The pattern of the control points that `active` names, one mark each.
     pub fn over(lattice: &Lattice, active: Vec<bool>) -> Arc<Self> {
         Self::build(lattice.control_points(), Some(active))

@@ -76,7 +76,7 @@ pub fn for_each_return(fit: &Fit, mut each: impl FnMut(RangeInputs, PoseInputs))
     let objective = &fit.objective;
     let (lattice, sightings) = (&objective.lattice, &objective.sightings);
     let (c, e) = fit.unknowns.split_at(lattice.len());
-    for (cell, seen) in sightings.at(lattice, e).by_cell(lattice) {
+    for (cell, seen) in sightings.at(lattice, e).by_cell(lattice).filter(|(cell, _)| objective.uses(*cell)) {
         let support = lattice.support(cell);
         let local = gather(c, &support);
         for sighting in seen {

@@ -3,8 +3,9 @@
 //! At a collocation point `x` with the nearest surface point `p`, the field is `x - p` and its direction `(x - p) / |x - p|`;
 //! close to a surface it is the surface's normal. Which of many noisy points is the nearest one is luck, and turns
 //! `x - p`; so the directions from all that are nearly as near are averaged. Where neighbouring points
-//! disagree about `p` by more than their own distance lies the cut locus: the field jumps there, no spline can follow,
-//! and the point is left out.
+//! disagree about `p` by more than their own distance lies the cut locus: the field jumps there, no spline can follow, and no
+//! direction is given; nor is one inside a wall of which both faces were seen, where the field turns back. There `x - p` itself is
+//! a hint at what the field is, lest it be anything.
 
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
@@ -40,9 +41,18 @@ const OPPOSITE: f64 = -0.8;
 /// Neighbours are looked at this many collocation points away.
 const WINDOW: isize = 3;
 
-/// Directions at the collocation points of every cell; `None` outside the active cells and on the cut locus.
+/// What is known of the field at a collocation point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Course {
+    /// The unit vector along which it grows.
+    Along(Vec2),
+    /// About what it is, where it jumps or turns back.
+    About(Vec2),
+}
+
+/// The field's course at the collocation points of every cell; `None` outside the active cells.
 pub struct Characteristics {
-    directions: Vec<Option<Vec2>>,
+    courses: Vec<Option<Course>>,
     /// The share of the active collocation points that lie on the cut locus.
     pub left_out: f64,
 }
@@ -50,11 +60,12 @@ pub struct Characteristics {
 struct Foot {
     place: Vec2,
     point: Vec2,
-    direction: Vec2,
+    /// `None` inside a wall.
+    direction: Option<Vec2>,
 }
 
 impl Characteristics {
-    /// `cells` marks the active cells, x fastest.
+    /// `cells` marks the cells in which directions are asked for, x fastest.
     pub fn trace(lattice: &Lattice, surfels: &Surfels, cells: &[bool]) -> Self {
         let anchors = surfels.all.iter().enumerate().map(|(k, s)| GeomWithData::new(s.anchor.into(), k)).collect();
         let tree: RTree<GeomWithData<[f64; 2], usize>> = RTree::bulk_load(anchors);
@@ -74,41 +85,42 @@ impl Characteristics {
             (-WINDOW..=WINDOW).flat_map(|dj| (-WINDOW..=WINDOW).map(move |di| (i + di, j + dj))).all(|(i, j)| {
                 let inside = (0..width as isize).contains(&i) && (0..2 * ny as isize).contains(&j);
                 let other = if inside { feet[i as usize + j as usize * width].as_ref() } else { None };
-                other.is_none_or(|other| {
+                other.filter(|other| other.direction.is_some()).is_none_or(|other| {
                     let allowed = JUMP * (other.place - own.place).norm() + SLACK * lattice.resolution;
                     (other.point - own.point).norm() <= allowed
                 })
             })
         };
-        let directions: Vec<Option<Vec2>> = feet
-            .iter()
-            .enumerate()
-            .map(|(k, foot)| foot.as_ref().filter(|own| smooth(k, own)).map(|own| own.direction))
-            .collect();
-        let active = feet.iter().flatten().count().max(1);
-        let left_out = 1.0 - directions.iter().flatten().count() as f64 / active as f64;
-        Self { directions, left_out }
+        let course = |(k, foot): (usize, &Option<Foot>)| {
+            let own = foot.as_ref()?;
+            let along = own.direction.filter(|_| smooth(k, own)).map(Course::Along);
+            Some(along.unwrap_or(Course::About(own.place - own.point)))
+        };
+        let courses: Vec<Option<Course>> = feet.iter().enumerate().map(course).collect();
+        let along = courses.iter().filter(|course| matches!(course, Some(Course::Along(_)))).count();
+        let left_out = 1.0 - along as f64 / feet.iter().flatten().count().max(1) as f64;
+        Self { courses, left_out }
     }
 
-    /// The direction at collocation point `(a, b)` of a cell.
-    pub fn at(&self, lattice: &Lattice, cell: [usize; 2], a: usize, b: usize) -> Option<Vec2> {
-        self.directions[2 * cell[0] + a + (2 * cell[1] + b) * 2 * lattice.cells[0]]
+    /// The course at collocation point `(a, b)` of a cell.
+    pub fn at(&self, lattice: &Lattice, cell: [usize; 2], a: usize, b: usize) -> Option<Course> {
+        self.courses[2 * cell[0] + a + (2 * cell[1] + b) * 2 * lattice.cells[0]]
     }
 }
 
 fn foot(x: Vec2, surfels: &Surfels, tree: &RTree<GeomWithData<[f64; 2], usize>>, h: f64) -> Option<Foot> {
     let near: Vec<&Surfel> = tree.nearest_neighbor_iter(x.into()).take(TIES).map(|at| &surfels.all[at.data]).collect();
     let (nearest, others) = near.split_first()?;
-    if others.iter().any(|other| between_faces(nearest, other, x, h)) {
-        return None;
-    }
     let (point, own) = (nearest_point(nearest, x).0, direction(nearest, x, h));
+    if others.iter().any(|other| between_faces(nearest, other, x, h)) {
+        return Some(Foot { place: x, point, direction: None });
+    }
     let distance = (x - point).norm();
     let sum = others.iter().fold(own, |sum, other| {
         let (farther, way) = ((x - nearest_point(other, x).0).norm() - distance, direction(other, x, h));
         if way.dot(&own) > ALIKE { sum + way * (-farther.max(0.0) / (TIE * h)).exp() } else { sum }
     });
-    Some(Foot { place: x, point, direction: sum.normalize() })
+    Some(Foot { place: x, point, direction: Some(sum.normalize()) })
 }
 
 /// Whether `x` lies inside a wall of which both faces were seen: behind either, as the scanners saw them.
@@ -153,9 +165,12 @@ mod tests {
         for (i, j) in (0..lattice.cells[0]).flat_map(|i| (0..lattice.cells[1]).map(move |j| (i, j))) {
             let y = lattice.point([i, j], [0.5, collocation()[0]]).y;
             match traced.at(&lattice, [i, j], 0, 0) {
-                Some(direction) if (y - 1.0).abs() > 0.3 => straight += usize::from(direction.y.abs() > 0.99),
-                Some(_) => assert!((y - 1.0).abs() > 0.1, "the field jumps at {y}"),
-                None => assert!((y - 1.0).abs() < 0.6, "nothing jumps at {y}"),
+                Some(Course::Along(direction)) if (y - 1.0).abs() > 0.3 => {
+                    straight += usize::from(direction.y.abs() > 0.99)
+                }
+                Some(Course::Along(_)) => assert!((y - 1.0).abs() > 0.1, "the field jumps at {y}"),
+                Some(Course::About(_)) => assert!((y - 1.0).abs() < 0.6, "nothing jumps at {y}"),
+                None => panic!("an active cell without a course"),
             }
         }
         assert!(straight > 50 && traced.left_out > 0.2 && traced.left_out < 0.7);

@@ -31,27 +31,27 @@ pub use objective::VectorObjective;
 pub use surfels::{Surfel, Surfels, Witness};
 
 use super::{
-    Bordered, FitError, FitOptions, Minimum, Poses, Progress, Viewpoint, Weights, corrected, gauge, information,
-    viewpoints,
+    Bordered, FitError, FitOptions, Minimum, Poses, Progress, Viewpoint, Weights, corrected, gauge, in_use,
+    information, viewpoints,
 };
 use crate::geometry::{Pose, Vec2};
 use crate::scan::{Evidence, LaserScan, Noise, Return, returns_of};
 use crate::sparse::{Cholesky, SparseError, Stencil};
 use crate::spline::{Lattice, Surface};
 
-/// Control points are active where evidence is at most this many cells away.
-const DEFAULT_BAND: usize = 2;
+/// Control points are in use where evidence is at most this many cells away, unless the request has a band.
+const DEFAULT_BAND: f64 = 0.5;
 /// Refining poses takes this many numbers at most (coefficients x pose unknowns).
 const LARGEST_BORDER: usize = 20_000_000;
 /// The Eikonal weight, as a share of what a signed distance takes, and the thin-plate weight. Together they say how stiff the field is. What
 /// is too stiff to turn inside a wall 0.15 m thick would rather move the poses of the scans on either side of it, and what is stiff where the
 /// field jumps pulls at everything beside the jump; too soft, and distances in the middle of rooms are loose.
-const EIKONAL_SHARE: f64 = 0.03;
-const SMOOTHING: f64 = 0.003;
+const EIKONAL_SHARE: f64 = 0.035;
+const SMOOTHING: f64 = 0.0035;
 /// What a spline cannot follow of walls with jambs and ends, as a share of its spacing.
 const MODEL_SIGMA_SHARE: f64 = 0.05;
 /// How often surfels are gathered anew around better poses at most.
-const MOST_ROUNDS: usize = 12;
+const MOST_ROUNDS: usize = 30;
 /// Poses have settled where no return moves by more than this many cells: surfels are as good as gathered around them.
 const SETTLED: f64 = 0.02;
 
@@ -95,9 +95,10 @@ pub fn fit_vector(
     let weights = vector_weights(options, lattice, refinable, information(lattice, &returns, noise.sigma_range));
     let viewpoints = viewpoints_of(scans, noise, &weights)?;
     let mut evidence = Evidence::gather(lattice, scans);
-    let cells = evidence.cells_within(lattice, DEFAULT_BAND);
-    let stencil = Stencil::over(lattice, active_points(lattice, &cells));
-    let place = Place { scans, lattice, viewpoints: &viewpoints, weights: &weights, cells: &cells, stencil: &stencil };
+    let band = options.band.unwrap_or(DEFAULT_BAND);
+    let near = evidence.cells_within(lattice, band.min(DEFAULT_BAND));
+    let stencil = Stencil::of_cells(lattice, &evidence.cells_within(lattice, band));
+    let place = Place { scans, lattice, viewpoints: &viewpoints, weights: &weights, near: &near, stencil: &stencil };
     let mut cholesky = Cholesky::analyse(&stencil)?;
 
     let refined = weights.poses == Poses::Refined;
@@ -121,7 +122,7 @@ pub fn fit_vector(
     evidence.replace_surfaces(lattice, round.surfels.all.iter().map(Surfel::ends));
     let minimum = Minimum { iterations: progress.iteration, factorisations: progress.iteration, ..round.minimum };
     Ok(VectorFit {
-        field: round.components.map(|c| surface(lattice, &stencil, c)),
+        field: round.components.map(|c| in_use(lattice, &stencil, c)),
         evidence,
         converged: minimum.relative_gradient <= options.tolerance && change <= SETTLED,
         minimum,
@@ -143,7 +144,8 @@ struct Place<'a> {
     lattice: &'a Lattice,
     viewpoints: &'a [Viewpoint],
     weights: &'a Weights,
-    cells: &'a [bool],
+    /// The cells near evidence: there alone the field's course is asked for; beyond, it continues smoothly.
+    near: &'a [bool],
     stencil: &'a Arc<Stencil>,
 }
 
@@ -162,15 +164,14 @@ struct Round {
 impl Place<'_> {
     /// One round. `returns` lie where the pose unknowns `e` put them, which are empty where poses are fixed.
     fn round(&self, returns: &[Return], e: &[f64], cholesky: &mut Cholesky) -> Result<Round, FitError> {
-        let &Self { scans, lattice, viewpoints, weights, cells, stencil } = self;
+        let &Self { scans, lattice, viewpoints, weights, near, stencil } = self;
         let normals = normals::outward(returns, lattice.resolution);
         let mut surfels = Surfels::gather(returns, &normals, viewpoints, lattice.resolution);
         let poses = corrected(scans, viewpoints, e);
         let kept = surfels.keep(&standing::standing(&surfels, scans, &poses, lattice.resolution));
-        let traced = Characteristics::trace(lattice, &surfels, cells);
+        let traced = Characteristics::trace(lattice, &surfels, near);
         let gauge = if e.is_empty() { Mat::zeros(0, 0) } else { gauge::common_motion(viewpoints) };
-        let objective =
-            VectorObjective::assemble(lattice, stencil.clone(), &surfels, &traced, cells, weights, (e, gauge));
+        let objective = VectorObjective::assemble(lattice, stencil.clone(), &surfels, &traced, weights, (e, gauge));
         let border = Bordered::factorise(&objective.system, cholesky).map_err(|error| match error {
             SparseError::NotPositiveDefinite => FitError::NotFinite,
             other => other.into(),
@@ -212,20 +213,6 @@ fn put(returns: &mut [Return], scans: &[LaserScan], poses: &[Pose]) -> f64 {
         seen.point = pose.position() + seen.direction * seen.range;
         farthest.max((seen.point - before).norm())
     })
-}
-
-fn surface(lattice: &Lattice, stencil: &Stencil, mut coefficients: Vec<f64>) -> Surface {
-    coefficients.iter_mut().enumerate().filter(|(k, _)| !stencil.is_active(*k)).for_each(|(_, c)| *c = f64::NAN);
-    Surface { lattice: lattice.clone(), coefficients }
-}
-
-/// The control points of the marked cells.
-fn active_points(lattice: &Lattice, cells: &[bool]) -> Vec<bool> {
-    let mut active = vec![false; lattice.len()];
-    for (k, _) in cells.iter().enumerate().filter(|(_, marked)| **marked) {
-        lattice.support([k % lattice.cells[0], k / lattice.cells[0]]).iter().for_each(|&point| active[point] = true);
-    }
-    active
 }
 
 #[cfg(test)]

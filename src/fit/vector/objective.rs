@@ -5,13 +5,15 @@ use std::sync::Arc;
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
-use super::characteristics::{Characteristics, collocation};
+use super::characteristics::{Characteristics, Course, collocation};
 use super::surfels::Surfels;
 use crate::fit::objective::thin_plate;
 use crate::fit::{Minimum, System, Weights};
 use crate::sparse::{CellBlock, Stencil, StencilMatrix};
 use crate::spline::{BasisRow, Lattice};
 
+/// The weight of a hint, per square metre (and square metre of error): far below what poses and surfaces are known to.
+const HINT: f64 = 20.0;
 /// What keeps control points determined that only one cell's corner touches, as a share of the mean diagonal.
 const RIDGE: f64 = 1e-9;
 
@@ -31,7 +33,6 @@ impl VectorObjective {
         stencil: Arc<Stencil>,
         surfels: &Surfels,
         characteristics: &Characteristics,
-        cells: &[bool],
         weights: &Weights,
         (e, gauge): (&[f64], Mat<f64>),
     ) -> Self {
@@ -44,7 +45,7 @@ impl VectorObjective {
             gauge,
         };
         let mut own = Self { system, constant: 0.0 };
-        own.add_characteristics(lattice, characteristics, cells, weights);
+        own.add_characteristics(lattice, characteristics, weights);
         own.add_surfels(lattice, surfels, e);
         let hessian = &mut own.system.hessian;
         let stencil = hessian.stencil().clone();
@@ -53,25 +54,33 @@ impl VectorObjective {
         own
     }
 
-    /// `rho_e |(n . grad) V - n|^2` and the thin-plate energy.
-    fn add_characteristics(&mut self, lattice: &Lattice, traced: &Characteristics, cells: &[bool], weights: &Weights) {
+    /// `rho_e |(n . grad) V - n|^2`, the hints where the field jumps, and the thin-plate energy.
+    fn add_characteristics(&mut self, lattice: &Lattice, traced: &Characteristics, weights: &Weights) {
         let (h, n) = (lattice.resolution, lattice.len());
         let plate = thin_plate(h, weights.smoothing);
         let rows: Vec<BasisRow> =
             collocation().into_iter().flat_map(|w| collocation().map(|t| BasisRow::at(t, w, h))).collect();
-        let weight = 2.0 * weights.eikonal * h * h / rows.len() as f64;
-        for (k, _) in cells.iter().enumerate().filter(|(_, active)| **active) {
-            let cell = [k % lattice.cells[0], k / lattice.cells[0]];
+        let share = 2.0 * h * h / rows.len() as f64;
+        let [nx, ny] = lattice.cells;
+        for cell in (0..nx * ny).map(|k| [k % nx, k / nx]) {
             let support = lattice.support(cell);
+            if !self.system.hessian.stencil().is_active_cell(support[0]) {
+                continue;
+            }
             let mut block = plate;
             for (point, row) in rows.iter().enumerate() {
-                let Some(d) = traced.at(lattice, cell, point % 2, point / 2) else { continue };
-                let along = std::array::from_fn(|k| d.x * row.dx[k] + d.y * row.dy[k]);
-                block.add_scaled(weight, &CellBlock::symmetric_product(&along, &along));
-                for (&at, along) in support.iter().zip(&along) {
-                    (0..2).for_each(|axis| self.system.gradient[axis * n + at] -= weight * d[axis] * along);
+                let (wanted, asked, weight) = match traced.at(lattice, cell, point % 2, point / 2) {
+                    Some(Course::Along(d)) => {
+                        (d, std::array::from_fn(|k| d.x * row.dx[k] + d.y * row.dy[k]), weights.eikonal * share)
+                    }
+                    Some(Course::About(v)) => (v, row.value, HINT * share),
+                    None => continue,
+                };
+                block.add_scaled(weight, &CellBlock::symmetric_product(&asked, &asked));
+                for (&at, asked) in support.iter().zip(&asked) {
+                    (0..2).for_each(|axis| self.system.gradient[axis * n + at] -= weight * wanted[axis] * asked);
                 }
-                self.constant += 0.5 * weight;
+                self.constant += 0.5 * weight * wanted.norm_squared();
             }
             self.system.hessian.add_cell(support[0], &block);
         }
