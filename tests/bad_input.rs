@@ -61,7 +61,12 @@ fn invalid_jobs() -> Vec<(&'static str, String, &'static str)> {
         ("no resolution", without("/map/resolution"), "/map/resolution"),
         ("an unknown distance", with("/map/distance", json!("tsdf")), "/map/distance"),
         ("distance is a number", with("/map/distance", json!(1)), "/map/distance"),
-        ("a published vector map", vector_with(json!({"weighting": "paper"})), "/fit/weighting"),
+        (
+            "a published vector map that moves poses",
+            vector_with(json!({"weighting": "paper", "poses": "refined"})),
+            "/fit/poses",
+        ),
+        ("a band below nothing", vector_with(json!({"band": -1})), "/fit/band"),
         ("resolution zero", with("/map/resolution", json!(0)), "/map/resolution"),
         ("resolution negative", with("/map/resolution", json!(-0.2)), "/map/resolution"),
         ("resolution a string", with("/map/resolution", json!("0.2")), "/map/resolution"),

@@ -60,7 +60,7 @@ fn a_vector_map_answers_like_a_signed_one_and_says_more() {
                 feature["geometry"]["coordinates"].as_array().unwrap().iter().flat_map(|l| l.as_array().unwrap())
             {
                 let p = numbers(vertex);
-                assert!(room.signed_distance(mapfit::geometry::Vec2::new(p[0], p[1])).abs() < 0.1, "{p:?}");
+                assert!(room.signed_distance(mapfit::geometry::Vec2::new(p[0], p[1])).abs() < 0.15, "{p:?}");
             }
         }
     }
@@ -119,4 +119,35 @@ fn odd_vector_jobs_end_well() {
             assert_eq!(server.get(&format!("{own}/{part}")).status, 200, "{part}");
         }
     }
+}
+
+#[test]
+fn the_published_vector_objective_is_answered_honestly() {
+    let folder = tempfile::tempdir().unwrap();
+    let server = Server::start(folder.path(), 1);
+    let mut request = experiment_one(2);
+    request["map"]["distance"] = json!("vdf");
+    request["fit"] = json!({"weighting": "paper"});
+    let own = format!("/v1/maps/{}", server.map_of(&request));
+    let fit = server.get(&own).json()["fit"].clone();
+    // The field may turn as a whole: no minimum can be certified, and none is claimed.
+    assert_eq!((&fit["weighting"], &fit["converged"]), (&json!("paper"), &json!(false)));
+    assert_eq!((&fit["positive_definite"], &fit["weights"]["poses"]), (&json!(false), &json!("fixed")));
+    println!("{fit}");
+
+    let points = json!({"points": [[0.0, 3.0], [1.0, 3.0]]});
+    let answer = server.post(&format!("{own}/query"), &points).json();
+    assert!(answer["distance"][0].as_f64().unwrap() < 0.1, "{answer}");
+    assert!((answer["distance"][1].as_f64().unwrap() - 1.0).abs() < 0.3, "{answer}");
+    assert_eq!(numbers(&answer["vector_covariance"][0])[1], 0.0, "the components are taken apart");
+
+    let diagonal = server.get(&format!("{own}/covariance")).json();
+    let block = server.get(&format!("{own}/covariance?form=block&i0=3&j0=15&ni=4&nj=2")).json();
+    let matrix: Vec<Vec<f64>> = block["matrix"].as_array().unwrap().iter().map(numbers).collect();
+    let exact = diagonal["vdf_y"][4 + 16 * 49].as_f64().unwrap();
+    assert!((matrix[13][13] - exact).abs() < 1e-8 * exact && matrix[0][8] == 0.0);
+    for form in ["sparse", "factors"] {
+        assert_eq!(server.get(&format!("{own}/covariance?form={form}")).status, 200);
+    }
+    assert_eq!(server.get(&format!("{own}/ogm")).status, 200);
 }

@@ -33,7 +33,9 @@ pub(crate) use objective::local_jet;
 pub use options::{FitOptions, Poses, Weighting, Weights};
 pub use sightings::{Placed, Sighting, Sightings, Viewpoint, Weighing};
 pub use start::{least_squares, signed_nearest_return};
-pub use vector::{Surfel, Surfels, VectorFit, VectorObjective, Witness, fit_vector};
+pub use vector::{
+    PublishedVectorFit, Surfel, Surfels, VectorFit, VectorObjective, Witness, fit_published_vector, fit_vector,
+};
 
 use crate::geometry::{Cov3, Pose, psd_square_root};
 use crate::scan::{Evidence, LaserScan, Noise, Return, ReturnNoise, returns_of};

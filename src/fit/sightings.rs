@@ -160,7 +160,11 @@ pub fn published_weights(returns: &[Return], viewpoints: &[Viewpoint], start: &S
         let direction = g.try_normalize(1e-12).unwrap_or(seen.direction);
         1.0 / direction.dot(&(viewpoints[seen.scan].noise.covariance(seen) * direction)).max(f64::MIN_POSITIVE)
     };
-    let raw: Vec<f64> = returns.iter().map(information).collect();
+    onto_one_to_two(returns.iter().map(information).collect())
+}
+
+/// Maps numbers linearly onto [1, 2]; all to 1 where they are the same.
+pub(super) fn onto_one_to_two(raw: Vec<f64>) -> Vec<f64> {
     let low = raw.iter().copied().fold(f64::INFINITY, f64::min);
     let spread = raw.iter().copied().fold(0.0, f64::max) - low;
     raw.iter().map(|raw| if spread > 0.0 { 1.0 + (raw - low) / spread } else { 1.0 }).collect()

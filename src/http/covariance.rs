@@ -170,7 +170,7 @@ fn dense(
 fn factors_npz(factors: &Factors) -> Result<Vec<u8>, NpzError> {
     let (hessian, inputs, border) = match factors.reduced(LARGEST_REDUCED) {
         Some(reduced) => (reduced.hessian, reduced.inputs, 0),
-        None => (factors.bordered_hessian(), factors.inputs.clone(), factors.coupling.columns()),
+        None => (factors.bordered_hessian(), factors.all_inputs(), factors.coupling.columns()),
     };
     let mut npz = NpzWriter::default();
     write_columns(&mut npz, "hessian", &hessian)?;

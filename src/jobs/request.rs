@@ -112,12 +112,6 @@ impl Reader<'_> {
             (Some(scans), Some(seen), Some(map)) => self.lattice(scans, seen, map),
             _ => None,
         };
-        if let (Some(MapPart { distance: Distance::Vector, .. }), Some(Some(options))) = (&map, &options)
-            && options.weighting == Weighting::Paper
-        {
-            let detail = "the published vector objective leaves the field's turn open; use calibrated, or an sdf";
-            return self.fault("/fit/weighting", detail);
-        }
         let (scans, noise, lattice) = (scans?, noise?, lattice?);
         Some(JobRequest {
             name: name?,

@@ -172,6 +172,10 @@ pub fn factors_to_npz(lattice: &Lattice, factors: &Factors) -> Result<Vec<u8>, A
     npz.array("gauge", &[rows, modes], &gauge)?;
     write_columns(&mut npz, "coupling", &factors.coupling)?;
     write_columns(&mut npz, "input", &factors.inputs)?;
+    if let Some(apart) = &factors.apart {
+        npz.array("apart_hessian", &[apart.hessian.values.len()], &apart.hessian.values)?;
+        write_columns(&mut npz, "apart_input", &apart.inputs)?;
+    }
     Ok(npz.finish()?)
 }
 
@@ -195,7 +199,16 @@ pub fn factors_from_npz(bytes: &[u8]) -> Result<Factors, ArchiveError> {
     } else {
         Stencil::of(&lattice)
     };
-    Ok(Factors::from_parts(stencil, hessian, coupling, poses, gauge, inputs)?)
+    let apart = match npz.has("apart_hessian") {
+        true => {
+            let (hessian, inputs) = (npz.array("apart_hessian")?, read_columns(&mut npz, "apart_input")?);
+            let none = CompressedColumns::new(lattice.len());
+            let own = Factors::from_parts(stencil.clone(), hessian, none, Vec::new(), Mat::zeros(0, 0), inputs)?;
+            Some(Box::new(own))
+        }
+        false => None,
+    };
+    Ok(Factors { apart, ..Factors::from_parts(stencil, hessian, coupling, poses, gauge, inputs)? })
 }
 
 /// Writes the four arrays of a CSC matrix: `NAME_data`, `NAME_indices`, `NAME_indptr`, `NAME_shape`.

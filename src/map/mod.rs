@@ -14,11 +14,11 @@ pub use archive::{ArchiveError, factors_from_npz, factors_to_npz, on_lattice_npz
 pub use field::{Field, VectorAt};
 pub use query::Answer;
 
-use crate::fit::{Fit, Minimum, VectorFit, Weighting, Weights};
+use crate::fit::{Fit, Minimum, PublishedVectorFit, VectorFit, Weighting, Weights};
 use crate::geometry::{Pose, Vec2};
 use crate::scan::{Evidence, Noise};
 use crate::spline::Lattice;
-use crate::uncertainty::{Factors, PoseCovariance, UncertaintyError, marginals, vector_marginals};
+use crate::uncertainty::{Factors, PoseCovariance, UncertaintyError, marginals, published_marginals, vector_marginals};
 
 /// What a fit reports about itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -118,6 +118,31 @@ impl FittedMap {
             poses: fit.poses,
             pose_covariance,
             returns: fit.returns,
+            noise,
+        };
+        Ok((map, factors))
+    }
+
+    /// The map of the published vector objective, likewise.
+    pub fn finish_published_vector(
+        mut fit: PublishedVectorFit,
+        poses: Vec<Pose>,
+        noise: Noise,
+        seconds: impl FnOnce() -> f64,
+    ) -> Result<(Self, Factors), UncertaintyError> {
+        let (marginals, factors) = published_marginals(&mut fit)?;
+        let (stencil, observations) = (fit.cholesky.stencil(), fit.returns.len());
+        let report = FitReport {
+            active_control_points: Some(stencil.active_len()),
+            ..FitReport::of(Weighting::Paper, false, fit.minimum, observations, fit.weights, seconds())
+        };
+        let map = Self {
+            field: Field::Vector { components: fit.field, marginals: Box::new(marginals) },
+            evidence: fit.evidence,
+            report,
+            poses,
+            pose_covariance: PoseCovariance::default(),
+            returns: fit.returns.iter().map(|seen| seen.point).collect(),
             noise,
         };
         Ok((map, factors))

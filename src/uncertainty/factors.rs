@@ -39,6 +39,8 @@ pub struct Factors {
     pub gauge: Mat<f64>,
     /// `B`: (coefficients + pose unknowns) x inputs.
     pub inputs: CompressedColumns,
+    /// A second component with a Hessian and inputs of its own, taken apart from this one (the published vector form).
+    pub apart: Option<Box<Factors>>,
 }
 
 /// See [`Factors::common_motion`]: `m`, `V` on what scans saw, `T`.
@@ -98,6 +100,7 @@ impl Factors {
             poses: fit.system.poses.clone(),
             gauge: fit.system.gauge.clone(),
             inputs,
+            apart: None,
         })
     }
 
@@ -125,10 +128,10 @@ impl Factors {
         if gauge.ncols() > 0 && gauge.nrows() != 3 * poses.len() {
             return Err(UncertaintyError::Malformed("the gauge has another number of poses"));
         }
-        Ok(Self { hessian: matrix, coupling, poses, gauge, inputs })
+        Ok(Self { hessian: matrix, coupling, poses, gauge, inputs, apart: None })
     }
 
-    /// The number of coefficients: control points x components.
+    /// The number of coefficients: control points x components, without those of a component apart.
     pub fn coefficients(&self) -> usize {
         self.coupling.rows
     }
@@ -147,6 +150,9 @@ impl Factors {
 
     /// The dense covariance between the given coefficients, row-major, exact.
     pub fn block(&self, kind: Kind, points: &[usize]) -> Result<Vec<f64>, UncertaintyError> {
+        if let Some(apart) = &self.apart {
+            return self.block_apart(apart, kind, points);
+        }
         let mut cholesky = Cholesky::analyse(self.hessian.stencil())?;
         let system = self.system();
         let border = Bordered::factorise(&system, &mut cholesky)?;
@@ -181,6 +187,33 @@ impl Factors {
         Ok(result)
     }
 
+    /// [`Factors::block`] where there is a component apart: nothing between this one and that.
+    fn block_apart(&self, apart: &Self, kind: Kind, points: &[usize]) -> Result<Vec<f64>, UncertaintyError> {
+        let (n, m) = (self.coefficients(), points.len());
+        let mut result = vec![0.0; m * m];
+        let alone = Self { apart: None, ..self.clone() };
+        for (own, first) in [(&alone, 0), (apart, n)] {
+            let of_its: Vec<usize> = (0..m).filter(|&k| (first..first + n).contains(&points[k])).collect();
+            let places: Vec<usize> = of_its.iter().map(|&k| points[k] - first).collect();
+            let block = own.block(kind, &places)?;
+            for (a, &row) in of_its.iter().enumerate() {
+                of_its
+                    .iter()
+                    .enumerate()
+                    .for_each(|(b, &column)| result[row * m + column] = block[a * of_its.len() + b]);
+            }
+        }
+        Ok(result)
+    }
+
+    /// All inputs' columns, those of a component apart below and after.
+    pub fn all_inputs(&self) -> CompressedColumns {
+        match &self.apart {
+            Some(apart) => self.inputs.clone().beside(&apart.inputs),
+            None => self.inputs.clone(),
+        }
+    }
+
     /// Replaces every column by `B B^T` times it.
     fn times_input_covariance(&self, x: &mut Mat<f64>) {
         let mut image = vec![0.0; x.nrows()];
@@ -197,6 +230,11 @@ impl Factors {
     /// The factors with the poses eliminated, or `None` where that would take more than `limit` entries. Whatever any scan
     /// saw is coupled then: the gauge ties all poses together.
     pub fn reduced(&self, limit: usize) -> Option<Reduced> {
+        if let Some(apart) = &self.apart {
+            let (own, other) = (Self { apart: None, ..self.clone() }.reduced(limit)?, apart.reduced(limit)?);
+            let (hessian, inputs) = (own.hessian.beside(&other.hessian), own.inputs.beside(&other.inputs));
+            return Some(Reduced { hessian, inputs });
+        }
         let (n, unknowns) = (self.coefficients(), self.coupling.columns());
         let mut seen: Vec<usize> = (0..unknowns).flat_map(|k| self.coupling.column(k)).map(|(row, _)| row).collect();
         seen.sort_unstable();
@@ -290,7 +328,10 @@ impl Factors {
         }
         let mut whole = CompressedColumns::new(columns.len());
         columns.into_iter().for_each(|column| whole.push(column));
-        whole
+        match &self.apart {
+            Some(apart) => whole.beside(&apart.bordered_hessian()),
+            None => whole,
+        }
     }
 
     fn system(&self) -> System {

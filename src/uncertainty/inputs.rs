@@ -44,6 +44,15 @@ impl CompressedColumns {
         self.starts.push(self.indices.len());
     }
 
+    /// This matrix with another below and to the right of it.
+    pub fn beside(mut self, other: &Self) -> Self {
+        for k in 0..other.columns() {
+            self.push(other.column(k).map(|(row, value)| (self.rows + row, value)).collect::<Vec<_>>());
+        }
+        self.rows += other.rows;
+        self
+    }
+
     /// A column's entries.
     pub fn column(&self, k: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
         let span = self.starts[k]..self.starts[k + 1];

@@ -170,7 +170,7 @@ pub(super) fn pose_image(s_inverse: &Mat<f64>, modes: &Mat<f64>) -> Mat<f64> {
 }
 
 /// Adds the entries of `scale (A B^T + B A^T)` that are on the stencil.
-fn add_products(into: &mut StencilMatrix, a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64) {
+pub(super) fn add_products(into: &mut StencilMatrix, a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64) {
     let by_rows = |m: MatRef<'_, f64>| -> Vec<f64> {
         (0..m.nrows()).flat_map(|row| (0..m.ncols()).map(move |column| (row, column))).map(|at| m[at]).collect()
     };

@@ -12,6 +12,7 @@
 //! With refined poses both are marginal over them. [`Marginals`] holds the entries between control points that share a
 //! cell, by selected inversion ([`marginals`]); [`Factors`] is what any entry can be formed from (`factors`).
 
+mod apart;
 mod factors;
 mod inputs;
 mod marginals;
@@ -20,6 +21,7 @@ mod vector;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+pub use apart::published_marginals;
 pub use factors::{Factors, Reduced};
 pub use inputs::{CompressedColumns, PoseInputs, RangeInputs};
 pub use marginals::{Marginals, PoseCovariance, marginals};

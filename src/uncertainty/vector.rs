@@ -356,6 +356,7 @@ impl Factors {
             poses: system.poses.clone(),
             gauge: system.gauge.clone(),
             inputs,
+            apart: None,
         }
     }
 }

@@ -10,7 +10,7 @@ use tokio::runtime::Handle;
 use uuid::Uuid;
 
 use super::Workshop;
-use crate::fit::{self, FitError, fit, fit_vector};
+use crate::fit::{self, FitError, Weighting, fit, fit_published_vector, fit_vector};
 use crate::jobs::{Distance, JobRequest, MapRecord, ProblemReport, Progress, RequestError};
 use crate::map::{ArchiveError, FittedMap, factors_to_npz};
 use crate::store::{Artifacts, ArtifactsError, Claim, MAX_ATTEMPTS, StoreError};
@@ -156,6 +156,12 @@ pub fn fit_request(
             let fitted = fit(scans, noise, lattice, options, &mut observer)?;
             covariance_next()?;
             Ok(FittedMap::finish(fitted, *noise, seconds)?)
+        }
+        Distance::Vector if options.weighting == Weighting::Paper => {
+            let fitted = fit_published_vector(scans, noise, lattice, options, &mut observer)?;
+            covariance_next()?;
+            let poses = scans.iter().map(|scan| scan.pose).collect();
+            Ok(FittedMap::finish_published_vector(fitted, poses, *noise, seconds)?)
         }
         Distance::Vector => {
             let fitted = fit_vector(scans, noise, lattice, options, &mut observer)?;

@@ -18,6 +18,7 @@
 mod characteristics;
 mod normals;
 mod objective;
+mod published;
 mod standing;
 mod surfels;
 
@@ -28,6 +29,7 @@ use faer::Mat;
 
 pub use characteristics::Characteristics;
 pub use objective::VectorObjective;
+pub use published::{PublishedVectorFit, fit_published_vector};
 pub use surfels::{Surfel, Surfels, Witness};
 
 use super::{
@@ -46,8 +48,8 @@ const LARGEST_BORDER: usize = 20_000_000;
 /// The Eikonal weight, as a share of what a signed distance takes, and the thin-plate weight. Together they say how stiff the field is. What
 /// is too stiff to turn inside a wall 0.15 m thick would rather move the poses of the scans on either side of it, and what is stiff where the
 /// field jumps pulls at everything beside the jump; too soft, and distances in the middle of rooms are loose.
-const EIKONAL_SHARE: f64 = 0.035;
-const SMOOTHING: f64 = 0.0035;
+const EIKONAL_SHARE: f64 = 0.03;
+const SMOOTHING: f64 = 0.003;
 /// What a spline cannot follow of walls with jambs and ends, as a share of its spacing.
 const MODEL_SIGMA_SHARE: f64 = 0.05;
 /// How often surfels are gathered anew around better poses at most.
