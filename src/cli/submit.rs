@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::CliError;
 use super::client::{Client, text};
-use crate::import::{Selection, parse_carmen, to_request};
+use crate::import::{Odometry, Selection, parse_carmen, to_request};
 use crate::scan::Noise;
 
 #[derive(Debug, Args)]
@@ -49,6 +49,10 @@ struct LogOptions {
     /// Standard deviation of a pose's heading, radians (logs).
     #[arg(long, env = "MAPFIT_SIGMA_THETA", default_value_t = 0.005)]
     sigma_theta: f64,
+    /// For poses from wheel odometry: the motion model's alpha1,alpha2,alpha3,alpha4 as Nav2's AMCL has them (say 0.2,0.2,0.2,0.2). Poses' covariances grow
+    /// along the way, from sigma-xy and sigma-theta at the first scan taken (logs).
+    #[arg(long, env = "MAPFIT_ODOMETRY", value_delimiter = ',', num_args = 4)]
+    odometry: Option<Vec<f64>>,
     /// Standard deviation of a range, metres (logs).
     #[arg(long, env = "MAPFIT_SIGMA_RANGE", default_value_t = 0.02)]
     sigma_range: f64,
@@ -95,7 +99,7 @@ impl LogOptions {
             CliError::Usage(format!("{shown}: {error}. A job file ends in .json, a CARMEN log has FLASER lines"))
         })?;
         let selection = Selection { every: self.every, from: self.from, to: self.to };
-        let scans = selection.of(scans);
+        let mut scans = selection.of(scans);
         if scans.is_empty() {
             return Err(CliError::Usage(format!("{shown}: --from, --to and --every leave no scan")));
         }
@@ -105,6 +109,13 @@ impl LogOptions {
             sigma_theta: self.sigma_theta,
             sigma_range: self.sigma_range,
         };
+        if let Some(alphas) = &self.odometry {
+            let alphas =
+                <[f64; 4]>::try_from(alphas.as_slice()).ok().filter(|a| a.iter().all(|a| *a >= 0.0 && *a <= 1e3));
+            let alphas =
+                alphas.ok_or_else(|| CliError::Usage("--odometry takes four numbers from 0 to 1000".into()))?;
+            Odometry { alphas }.spread(&mut scans, &noise);
+        }
         let map = (self.distance.as_str(), self.resolution);
         Ok(to_request(&scans, &noise, Some(stem.trim_end_matches(".log")), map).to_string().into_bytes())
     }

@@ -1,15 +1,17 @@
 //! Robot logs into job requests.
 //!
-//! `carmen` reads CARMEN logs, `corridor` the shared data's simulated one. What comes out is the contract's JSON, so a log goes the way any client's job goes.
+//! `carmen` reads CARMEN logs, `corridor` the shared data's simulated one; `odometry` says how uncertain poses grow along the way. What comes out is the contract's JSON, so a log goes the way any client's job goes.
 
 mod carmen;
 mod corridor;
+mod odometry;
 
 use serde_json::{Value, json};
 use thiserror::Error;
 
 pub use carmen::parse_carmen;
 pub use corridor::{CorridorError, parse_corridor};
+pub use odometry::Odometry;
 
 use crate::scan::{LaserScan, Noise};
 
@@ -58,14 +60,18 @@ pub fn to_request(
         .iter()
         .map(|scan| {
             // NaN is written as null: no return.
-            json!({
+            let mut one = json!({
                 "pose": scan.pose,
                 "angle_min": scan.angle_min,
                 "angle_increment": scan.angle_increment,
                 "range_min": scan.range_min,
                 "range_max": scan.range_max,
                 "ranges": scan.ranges,
-            })
+            });
+            if let Some(covariance) = &scan.pose_covariance {
+                one["pose_covariance"] = json!(covariance.as_slice());
+            }
+            one
         })
         .collect();
     json!({

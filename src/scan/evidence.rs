@@ -109,7 +109,8 @@ impl Evidence {
 
     fn mark_free(&mut self, lattice: &Lattice, sweep: &Sweep<'_>) {
         let [width, _] = self.size;
-        for (i, j) in self.window(lattice, sweep.center, sweep.reach) {
+        let (low, high) = sweep.extent();
+        for (i, j) in self.window(lattice, low, high) {
             let mark = &mut self.marks[i + j * width];
             if *mark & FREE == 0 && sweep.passes(mark_center(lattice, i, j)) {
                 *mark |= FREE;
@@ -127,7 +128,8 @@ impl Evidence {
         let [width, _] = self.size;
         let near = lattice.resolution / 2.0;
         for (a, b) in pieces {
-            for (i, j) in self.window(lattice, (a + b) / 2.0, (a - b).norm() / 2.0 + near) {
+            let around = Vec2::from_element(near);
+            for (i, j) in self.window(lattice, a.inf(&b) - around, a.sup(&b) + around) {
                 if distance_to_segment(mark_center(lattice, i, j), a, b) <= near {
                     self.marks[i + j * width] |= SURFACE;
                 }
@@ -135,12 +137,12 @@ impl Evidence {
         }
     }
 
-    /// The marks whose centres may lie within `reach` of a point.
-    fn window(&self, lattice: &Lattice, center: Vec2, reach: f64) -> impl Iterator<Item = (usize, usize)> + use<> {
+    /// The marks whose centres may lie in a rectangle.
+    fn window(&self, lattice: &Lattice, low: Vec2, high: Vec2) -> impl Iterator<Item = (usize, usize)> + use<> {
         let side = lattice.resolution / SUBCELLS as f64;
         let span = |axis: usize| {
-            let low = ((center[axis] - reach - lattice.origin[axis]) / side).floor().max(0.0) as usize;
-            let high = ((center[axis] + reach - lattice.origin[axis]) / side).ceil().max(0.0) as usize;
+            let low = ((low[axis] - lattice.origin[axis]) / side).floor().max(0.0) as usize;
+            let high = ((high[axis] - lattice.origin[axis]) / side).ceil().max(0.0) as usize;
             low..high.min(self.size[axis])
         };
         let (columns, rows) = (span(0), span(1));
@@ -187,6 +189,14 @@ impl<'a> Sweep<'a> {
             .collect();
         let reach = ranges.iter().copied().fold(0.0, f64::max);
         Self { scan, center, points, ranges, joined, reach }
+    }
+
+    /// The corners of a rectangle around everything its beams passed: the scanner, what it met, and half a beam's width beside that.
+    fn extent(&self) -> (Vec2, Vec2) {
+        let (low, high) =
+            self.points.iter().flatten().fold((self.center, self.center), |(low, high), p| (low.inf(p), high.sup(p)));
+        let beside = Vec2::from_element(self.reach * self.scan.angle_increment.abs() / 2.0);
+        (low - beside, high + beside)
     }
 
     /// Whether a beam passed the point before it met anything.

@@ -30,7 +30,7 @@ use crate::sparse::{CellBlock, StencilMatrix, selected_sandwich};
 use crate::spline::{SUPPORT, dot, gather};
 
 /// Numbers that pose columns take at most at a time.
-const LARGEST_COLUMNS: usize = 10_000_000;
+const LARGEST_COLUMNS: usize = 2_000_000;
 
 /// One covariance of a vector field on the stencil, square metres. Entry (row, column) of `xy` is between the x coefficient
 /// of the row's control point and the y coefficient of the column's, for rows no lower than columns.
@@ -66,29 +66,43 @@ impl VectorCovariance {
 
     /// Adds the entries of `scale A B^T` that are on the stencil; `a` and `b` are stacked by component.
     fn add_product(&mut self, a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64) {
-        let (n, width) = (self.xx.stencil().dimension(), a.ncols());
-        // Row by row, in strips that stay in the cache.
-        let by_rows = |m: MatRef<'_, f64>, k: usize| -> Vec<f64> {
-            let mut rows = vec![0.0; n * width];
-            for (strip, into) in rows.chunks_mut(64 * width.max(1)).enumerate() {
-                let height = into.len() / width;
-                for column in 0..width {
-                    let values = m.col(column).subrows(k * n + 64 * strip, height);
-                    values.iter().enumerate().for_each(|(row, value)| into[row * width + column] = *value);
-                }
-            }
-            rows
-        };
-        let (a, b) = ([by_rows(a, 0), by_rows(a, 1)], [by_rows(b, 0), by_rows(b, 1)]);
+        let n = self.xx.stencil().dimension();
+        self.add_rows(&by_rows(a, n), &by_rows(b, n), scale);
+    }
+
+    /// Adds the entries of `A A^T`, likewise.
+    fn add_square(&mut self, a: MatRef<'_, f64>) {
+        let rows = by_rows(a, self.xx.stencil().dimension());
+        self.add_rows(&rows, &rows, 1.0);
+    }
+
+    fn add_rows(&mut self, a: &[Vec<f64>; 2], b: &[Vec<f64>; 2], scale: f64) {
+        let stencil = self.xx.stencil().clone();
+        let width = a[0].len() / stencil.dimension();
         let parts = [(&mut self.xx, 0, 0), (&mut self.xy, 0, 1), (&mut self.yx, 1, 0), (&mut self.yy, 1, 1)];
         for (part, left, right) in parts {
-            let stencil = part.stencil().clone();
             for ((p, q), value) in stencil.entries().zip(&mut part.values) {
                 let (row, column) = (&a[left][p * width..(p + 1) * width], &b[right][q * width..(q + 1) * width]);
                 *value += scale * inner_product(row, column);
             }
         }
     }
+}
+
+/// A stacked matrix row by row, either component by itself, in strips that stay in the cache.
+fn by_rows(m: MatRef<'_, f64>, n: usize) -> [Vec<f64>; 2] {
+    let width = m.ncols();
+    [0, 1].map(|k| {
+        let mut rows = vec![0.0; n * width];
+        for (strip, into) in rows.chunks_mut(64 * width.max(1)).enumerate() {
+            let height = into.len() / width;
+            for column in 0..width {
+                let values = m.col(column).subrows(k * n + 64 * strip, height);
+                values.iter().enumerate().for_each(|(row, value)| into[row * width + column] = *value);
+            }
+        }
+        rows
+    })
 }
 
 /// In eight sums side by side, which vectorises; one running sum could not without changing its rounding.
@@ -263,7 +277,7 @@ fn add_fixed_poses(fit: &VectorFit, propagated: &mut VectorCovariance) -> Result
             scan.iter().for_each(|(&row, values)| (0..3).for_each(|a| columns[(row, 3 * k + a)] = values[a]));
         }
         solve_components(&fit.cholesky, columns.as_mut())?;
-        propagated.add_product(columns.as_ref(), columns.as_ref(), 1.0);
+        propagated.add_square(columns.as_ref());
     }
 }
 

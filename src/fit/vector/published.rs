@@ -83,8 +83,7 @@ pub fn fit_published_vector(
     let across = |(seen, n): (&Return, &Vec2)| 1.0 / n.dot(&(viewpoints[seen.scan].noise.covariance(seen) * n));
     let trust = onto_one_to_two(returns.iter().zip(&normals).map(across).collect());
     let objective = Published::new(lattice, &cholesky, &returns, &trust, &weights);
-    let (components, minimum, hessians) = objective.minimise(start, options, &mut cholesky, observer)?;
-    let [x, y] = components;
+    let End { components: [x, y], minimum, hessians } = objective.minimise(start, options, &mut cholesky, observer)?;
     Ok(PublishedVectorFit {
         field: [in_use(lattice, &stencil, x), in_use(lattice, &stencil, y)],
         evidence,
@@ -128,6 +127,13 @@ struct Normal {
     value: f64,
     gradient: [Vec<f64>; 2],
     blocks: [StencilMatrix; 2],
+}
+
+/// Where a minimisation stopped.
+struct End {
+    components: [Vec<f64>; 2],
+    minimum: Minimum,
+    hessians: [StencilMatrix; 2],
 }
 
 impl<'a> Published<'a> {
@@ -215,8 +221,8 @@ impl<'a> Published<'a> {
             let mut block = CellBlock::ZERO;
             block.add_scaled(2.0 * trust, &CellBlock::symmetric_product(row, row));
             let local = self.local(c, support);
-            for axis in 0..2 {
-                let pull = 2.0 * trust * dot(row, &local[axis]);
+            for (axis, own) in local.iter().enumerate() {
+                let pull = 2.0 * trust * dot(row, own);
                 normal.blocks[axis].add_cell(support[0], &block);
                 support.iter().zip(row).for_each(|(&k, value)| normal.gradient[axis][k] += pull * value);
             }
@@ -234,7 +240,7 @@ impl<'a> Published<'a> {
         options: &FitOptions,
         cholesky: &mut Cholesky,
         observer: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
-    ) -> Result<([Vec<f64>; 2], Minimum, [StencilMatrix; 2]), FitError> {
+    ) -> Result<End, FitError> {
         let mut normal = self.assemble(&c, cholesky);
         let largest = |normal: &Normal| newton::largest(&normal.gradient[0]).max(newton::largest(&normal.gradient[1]));
         let (first, mut damping, mut minimum) = (largest(&normal), FIRST_DAMPING, Minimum::default());
@@ -251,7 +257,7 @@ impl<'a> Published<'a> {
                 return Err(FitError::Cancelled);
             }
             if relative_gradient <= options.tolerance || iteration >= max_iterations || damping > STUCK {
-                return Ok((c, minimum, normal.blocks));
+                return Ok(End { components: c, minimum, hessians: normal.blocks });
             }
             minimum.iterations += 1;
             while damping <= STUCK {
@@ -277,15 +283,15 @@ fn step(
     cholesky: &mut Cholesky,
 ) -> Result<[Vec<f64>; 2], SparseError> {
     let mut trial = c.clone();
-    for axis in 0..2 {
-        let mut damped = normal.blocks[axis].clone();
+    for ((into, block), gradient) in trial.iter_mut().zip(&normal.blocks).zip(&normal.gradient) {
+        let mut damped = block.clone();
         let diagonal = damped.diagonal();
         let mean = diagonal.iter().sum::<f64>() / diagonal.len() as f64;
         damped.shift_diagonal(|_| damping * mean);
         cholesky.factorise(&damped)?;
-        let downhill: Vec<f64> = normal.gradient[axis].iter().map(|slope| -slope).collect();
+        let downhill: Vec<f64> = gradient.iter().map(|slope| -slope).collect();
         let change = cholesky.solve_checked(&damped, &downhill)?;
-        trial[axis].iter_mut().zip(change).for_each(|(c, change)| *c += change);
+        into.iter_mut().zip(change).for_each(|(c, change)| *c += change);
     }
     Ok(trial)
 }

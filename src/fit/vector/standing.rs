@@ -6,7 +6,7 @@
 //! they run beside walls.
 
 use super::surfels::{Surfel, Surfels};
-use crate::geometry::{Pose, wrap_angle};
+use crate::geometry::{Bounds, Pose, wrap_angle};
 use crate::scan::LaserScan;
 
 /// The share of scans that a standing surface stops.
@@ -18,24 +18,30 @@ const MARGIN: f64 = 1.0;
 
 /// A mark a surfel: whether it stands.
 pub fn standing(surfels: &Surfels, scans: &[LaserScan], poses: &[Pose], h: f64) -> Vec<bool> {
-    let reach: Vec<f64> = scans
-        .iter()
-        .map(|scan| (0..scan.ranges.len()).filter_map(|beam| scan.range(beam)).fold(0.0, f64::max))
-        .collect();
+    let extents: Vec<Bounds> = scans.iter().zip(poses).map(|(scan, pose)| extent(scan, pose)).collect();
     let stands = |surfel: &Surfel| {
         let most_passes = surfels.witnesses(surfel).len() as f64 * (1.0 / LEAST_STOPPED - 1.0);
-        let views = scans.iter().zip(poses).zip(&reach);
-        let mut passes = views.filter(|((scan, pose), reach)| passed(surfel, scan, pose, **reach, MARGIN * h));
+        let views = scans.iter().zip(poses).zip(&extents);
+        let mut passes = views
+            .filter(|(_, extent)| extent.contains(surfel.anchor))
+            .filter(|((scan, pose), _)| passed(surfel, scan, pose, MARGIN * h));
         passes.nth(most_passes as usize).is_none()
     };
     surfels.all.iter().map(stands).collect()
 }
 
+/// The rectangle around a scanner and what it met, and so around everything its beams passed between two returns.
+fn extent(scan: &LaserScan, pose: &Pose) -> Bounds {
+    let returns = (0..scan.ranges.len()).filter_map(|beam| Some(pose.project(scan.range(beam)?, scan.bearing(beam))));
+    let none = Bounds { min: [pose.x, pose.y], max: [pose.x, pose.y] };
+    Bounds::around(returns.chain([pose.position()])).unwrap_or(none)
+}
+
 /// Whether the beams on either side of a surfel went on behind it.
-fn passed(surfel: &Surfel, scan: &LaserScan, pose: &Pose, reach: f64, margin: f64) -> bool {
+fn passed(surfel: &Surfel, scan: &LaserScan, pose: &Pose, margin: f64) -> bool {
     let offset = surfel.anchor - pose.position();
     let distance = offset.norm();
-    if distance + margin >= reach || surfel.normal.dot(&offset).abs() < SQUARE * distance {
+    if surfel.normal.dot(&offset).abs() < SQUARE * distance {
         return false;
     }
     let middle = (scan.ranges.len() as f64 - 1.0) / 2.0;
