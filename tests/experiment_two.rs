@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use mapfit::fit::{FitOptions, fit_vector};
-use mapfit::geometry::{Bounds, Vec2};
+use mapfit::geometry::{Bounds, Vec2, distance_to_segment};
 use mapfit::import::parse_corridor;
 use mapfit::map::FittedMap;
 use mapfit::render::{OccupancyGrid, contours};
@@ -45,6 +45,16 @@ fn check_grid(map: &FittedMap, truth: &Truth<'_>) {
     let off = vertices.iter().filter(|p| truth.is_off(**p, 0.5 * RESOLUTION)).count();
     println!("{off} of {} of the contour's vertices are off the walls", vertices.len());
     assert!(off as f64 <= 0.01 * vertices.len() as f64);
+    let pieces: Vec<(Vec2, Vec2)> = traced
+        .lines
+        .iter()
+        .flat_map(|line| line.lines())
+        .map(|e| (Vec2::new(e.start.x, e.start.y), Vec2::new(e.end.x, e.end.y)))
+        .collect();
+    let drawn = |p: Vec2| pieces.iter().any(|(a, b)| distance_to_segment(p, *a, *b) < 0.75 * RESOLUTION);
+    let shown = truth.walls.iter().filter(|(p, _)| drawn(*p)).count() as f64 / truth.walls.len() as f64;
+    println!("{} lines show {shown:.3} of the seen walls", traced.lines.0.len());
+    assert!(shown >= 0.95);
 }
 
 /// Five draws of Table II noise on a building; distances in space are held to a bar, metres.

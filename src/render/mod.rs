@@ -4,6 +4,7 @@
 //! SVG (`figure`), and rasterised with a font that is compiled in (`raster`), so it looks the same on a host without
 //! fonts.
 
+mod bridges;
 mod contour;
 mod figure;
 mod geojson;

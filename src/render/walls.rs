@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 
 use geo_types::{Coord, LineString, MultiLineString, MultiPolygon, Polygon};
 
+use super::bridges::bridged;
 use super::contour::Samples;
 use crate::geometry::Vec2;
 use crate::map::FittedMap;
@@ -30,6 +31,7 @@ pub(super) fn walls(
     let lines = chains(&joints(&crossings, samples.size[0]));
     let lines: Vec<Vec<Vec2>> =
         lines.into_iter().map(|line| line.iter().map(|edge| crossings[edge]).collect()).collect();
+    let lines = bridged(map, lines);
     let coordinates = |line: &[Vec2]| LineString(line.iter().map(|p| Coord { x: p.x, y: p.y }).collect());
     let band = sigma_band.map(|k| {
         let strips = lines.iter().map(|line| Polygon::new(coordinates(&strip(map, line, k, kind)), Vec::new()));
