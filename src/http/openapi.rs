@@ -116,7 +116,7 @@ pub struct FitRequestBody {
     /// What stands for what the spline cannot follow, metres; 2.5 % of the resolution by default.
     model_sigma: Option<f64>,
     /// Control points are in use where evidence is at most this many cells away, and null elsewhere. By default an sdf has all, and a
-    /// vdf those within half a cell.
+    /// vdf those within half a cell, or two standard deviations of its poses where these are refined.
     band: Option<f64>,
 }
 

@@ -43,6 +43,9 @@ use crate::spline::{Lattice, Surface};
 
 /// Control points are in use where evidence is at most this many cells away, unless the request has a band.
 const DEFAULT_BAND: f64 = 0.5;
+/// Where poses are refined, returns may move by so many of their standard deviations and stay on the map, up to so many cells.
+const BAND_SIGMAS: f64 = 2.0;
+const WIDEST_BAND: f64 = 5.0;
 /// Refining poses takes this many numbers at most (coefficients x pose unknowns).
 const LARGEST_BORDER: usize = 20_000_000;
 /// The Eikonal weight, as a share of what a signed distance takes, and the thin-plate weight. Together they say how stiff the field is. What
@@ -97,8 +100,14 @@ pub fn fit_vector(
     let weights = vector_weights(options, lattice, refinable, information(lattice, &returns, noise.sigma_range));
     let viewpoints = viewpoints_of(scans, noise, &weights)?;
     let mut evidence = Evidence::gather(lattice, scans);
-    let band = options.band.unwrap_or(DEFAULT_BAND);
-    let near = evidence.cells_within(lattice, band.min(DEFAULT_BAND));
+    let default_band = match weights.poses {
+        Poses::Refined => {
+            DEFAULT_BAND.max(BAND_SIGMAS * farthest_sigma(&viewpoints) / lattice.resolution).min(WIDEST_BAND)
+        }
+        Poses::Fixed => DEFAULT_BAND,
+    };
+    let band = options.band.unwrap_or(default_band);
+    let near = evidence.cells_within(lattice, band.min(default_band));
     let stencil = Stencil::of_cells(lattice, &evidence.cells_within(lattice, band));
     let place = Place { scans, lattice, viewpoints: &viewpoints, weights: &weights, near: &near, stencil: &stencil };
     let mut cholesky = Cholesky::analyse(&stencil)?;
@@ -196,6 +205,12 @@ fn vector_weights(options: &FitOptions, lattice: &Lattice, refinable: bool, info
     weights.smoothing = options.smoothing.unwrap_or(SMOOTHING);
     weights.model_sigma = options.model_sigma.unwrap_or(MODEL_SIGMA_SHARE * lattice.resolution);
     weights
+}
+
+/// The largest standard deviation of a pose's x or y, metres.
+fn farthest_sigma(viewpoints: &[Viewpoint]) -> f64 {
+    let variances = viewpoints.iter().flat_map(|own| (0..2).map(|axis| own.root.row(axis).norm_squared()));
+    variances.fold(0.0, f64::max).sqrt()
 }
 
 /// Viewpoints whose returns have the ranges' noise alone where poses are unknowns.
