@@ -101,11 +101,12 @@ mod tests {
     }
 
     #[test]
-    fn the_longer_the_way_the_larger_and_always_a_covariance() {
+    fn headings_get_worse_all_along_and_it_is_always_a_covariance() {
         let walk: Vec<Pose> =
             (0..50).map(|k| f64::from(k) * 0.3).map(|s| Pose::new(s.sin(), s.cos() * s, 0.7 * s)).collect();
         let grown = along(&walk);
-        assert!(grown.windows(2).all(|pair| pair[1].trace() > pair[0].trace()));
+        // The place may get better for a while: what a wrong heading led astray, driving back leads back.
+        assert!(grown.windows(2).all(|pair| pair[1][(2, 2)] > pair[0][(2, 2)]));
         assert!(grown.iter().all(|covariance| psd_square_root(covariance).is_some()));
     }
 }
