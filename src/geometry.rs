@@ -81,6 +81,11 @@ impl Bounds {
     }
 }
 
+/// The quarter turn of a vector, counter-clockwise.
+pub fn turned(v: Vec2) -> Vec2 {
+    Vec2::new(-v.y, v.x)
+}
+
 /// The point of the segment `a b` nearest to `p`.
 pub fn nearest_on_segment(p: Vec2, a: Vec2, b: Vec2) -> Vec2 {
     let ab = b - a;

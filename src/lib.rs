@@ -21,8 +21,8 @@
 //! | `http` | the service |
 //! | `cli` | the command line |
 //!
-//! Everything down to `reproduce` is pure: data, an observer and a cancellation flag in, data or a typed error out. It builds
-//! alone with `--no-default-features`.
+//! Everything down to `reproduce` is pure: data, an observer and a cancellation flag in, data or a typed error out. It
+//! builds alone with `--no-default-features`.
 
 pub mod fit;
 pub mod geometry;

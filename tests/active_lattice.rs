@@ -27,7 +27,8 @@ fn fitted(band: Option<f64>, vector: bool) -> FittedMap {
     .0
 }
 
-/// The largest change of distance (metres) and of sigma (a share) at points a quarter of a metre apart that some beam passed.
+/// The largest change of distance (metres) and of sigma (a share) at points a quarter of a metre apart that some beam
+/// passed.
 fn largest_changes(map: &FittedMap, whole: &FittedMap) -> [f64; 2] {
     let places = (0..64 * 64).map(|k| Vec2::new(-4.0 + 0.25 * (k % 64) as f64, -4.0 + 0.25 * (k / 64) as f64));
     let seen = places.filter(|&p| map.evidence.at(map.lattice(), p).free);

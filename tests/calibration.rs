@@ -1,5 +1,5 @@
-//! Uncertainty that can be trusted where it is hard: poses five times as wrong as in experiment 1. `docs/calibration.md` is the
-//! whole study, a hundred draws a case; this is its sentinel.
+//! Uncertainty that can be trusted where it is hard: poses five times as wrong as in experiment 1.
+//! `docs/calibration.md` is the whole study, a hundred draws a case; this is its sentinel.
 
 use std::ops::ControlFlow;
 
@@ -63,8 +63,8 @@ fn five_times_the_pose_noise(mut scenario: Scenario) -> Scenario {
     scenario
 }
 
-/// The U's walls lie where a lattice would pull them to a wrong place: before the common motion was taken out of the fit,
-/// coverage here was 0.22.
+/// The U's walls lie where a lattice would pull them to a wrong place: before the common motion was taken out of the
+/// fit, coverage here was 0.22.
 #[test]
 fn bad_poses_do_not_make_the_map_overconfident() {
     let found = study(&five_times_the_pose_noise(Scenario::u_room()));

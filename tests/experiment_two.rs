@@ -87,8 +87,8 @@ fn the_corridor_with_table_two_noise() {
     check_draws(&corridor, 0.05);
 }
 
-/// Walls 0.15 m thick at h = 0.25 m, seen from both sides: neither face may pull the other's poses. In rooms this small most of the space
-/// is near the cut locus, where a spline needs two cells to jump.
+/// Walls 0.15 m thick at h = 0.25 m, seen from both sides: neither face may pull the other's poses. In rooms this small
+/// most of the space is near the cut locus, where a spline needs two cells to jump.
 #[test]
 fn an_office_of_our_own_making_with_table_two_noise() {
     check_draws(&Survey::office(Noise::EXPERIMENT_TWO.sigma_range, 7), 0.06);

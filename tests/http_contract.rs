@@ -3,11 +3,7 @@
 mod support;
 
 use serde_json::{Value, json};
-use support::{Server, experiment_one, small};
-
-fn numbers(value: &Value) -> Vec<f64> {
-    value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
-}
+use support::{Server, experiment_one, numbers, small};
 
 #[test]
 fn a_job_becomes_a_map_with_uncertainty_contours_and_grids() {

@@ -3,11 +3,7 @@
 mod support;
 
 use serde_json::{Value, json};
-use support::{Server, experiment_one, small};
-
-fn numbers(value: &Value) -> Vec<f64> {
-    value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
-}
+use support::{Server, experiment_one, numbers, small};
 
 #[test]
 fn a_vector_map_answers_like_a_signed_one_and_says_more() {
@@ -60,7 +56,11 @@ fn a_vector_map_answers_like_a_signed_one_and_says_more() {
                 feature["geometry"]["coordinates"].as_array().unwrap().iter().flat_map(|l| l.as_array().unwrap())
             {
                 let p = numbers(vertex);
-                assert!(room.signed_distance(mapfit::geometry::Vec2::new(p[0], p[1])).abs() < 0.15, "{p:?}");
+                // Half a cell's diagonal: where the line turns about a corner of the room it runs behind it.
+                assert!(
+                    room.signed_distance(mapfit::geometry::Vec2::new(p[0], p[1])).abs() < 0.5 * f64::hypot(0.2, 0.2),
+                    "{p:?}"
+                );
             }
         }
     }

@@ -19,8 +19,8 @@ pub struct Reproduce {
     /// The folder the figures (PNG and SVG), tables (CSV) and the page go to; it is made where it is missing.
     #[arg(long, env = "MAPFIT_OUT")]
     out: PathBuf,
-    /// A folder with `willow-corridor/`, for experiment 2 in the building of the publication; an office of our own making
-    /// stands in without it.
+    /// A folder with `willow-corridor/`, for experiment 2 in the building of the publication; an office of our own
+    /// making stands in without it.
     #[arg(long, env = "MAPFIT_DATA")]
     data: Option<PathBuf>,
 }

@@ -49,8 +49,9 @@ struct LogOptions {
     /// Standard deviation of a pose's heading, radians (logs).
     #[arg(long, env = "MAPFIT_SIGMA_THETA", default_value_t = 0.005)]
     sigma_theta: f64,
-    /// For poses from wheel odometry: the motion model's alpha1,alpha2,alpha3,alpha4 as Nav2's AMCL has them (say 0.2,0.2,0.2,0.2). Poses' covariances grow
-    /// along the way, from sigma-xy and sigma-theta at the first scan taken (logs).
+    /// For poses from wheel odometry: the motion model's alpha1,alpha2,alpha3,alpha4 as Nav2's AMCL has them (say
+    /// 0.2,0.2,0.2,0.2). Poses' covariances grow along the way, from sigma-xy and sigma-theta at the first scan taken
+    /// (logs).
     #[arg(long, env = "MAPFIT_ODOMETRY", value_delimiter = ',', num_args = 4)]
     odometry: Option<Vec<f64>>,
     /// Standard deviation of a range, metres (logs).

@@ -5,9 +5,10 @@
 //! [ K^T  P ] [ e ] = [ b_e ]        e = S^-1 (b_e - W^T b_c),  c = H^-1 b_c - W e
 //! ```
 //!
-//! `H` is sparse on the lattice, `P` has a 3 x 3 block a scan, `K` is three columns a scan. Eliminating the lattice first
-//! keeps its sparse factor; eliminating poses first would couple all control points a scan sees. A vector field has two
-//! components with one `H`, stacked: `c`, `K` and `W` then have twice the rows, and `H` stands for `diag(H, H)`.
+//! `H` is sparse on the lattice, `P` has a 3 x 3 block a scan, `K` is three columns a scan. Eliminating the lattice
+//! first keeps its sparse factor; eliminating poses first would couple all control points a scan sees. A vector field
+//! has two components with one `H`, stacked: `c`, `K` and `W` then have twice the rows, and `H` stands for
+//! `diag(H, H)`.
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::{Llt, Solve};

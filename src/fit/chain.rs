@@ -8,13 +8,13 @@
 //! d2f/da db = xi_a^T phi'' xi_b + sum_i phi'_i (X_a^T Hess(D_i^T c) X_b + grad(D_i^T c) . X_ab)
 //! ```
 //!
-//! for `a, b` in (x, y, theta, r) and `xi_a` the local quantities' derivative by `a`. The Gauss-Newton stand-in keeps the
-//! terms with `phi''` alone.
+//! for `a, b` in (x, y, theta, r) and `xi_a` the local quantities' derivative by `a`. The Gauss-Newton stand-in keeps
+//! the terms with `phi''` alone.
 
 use nalgebra::{Matrix4, SVector, Vector4};
 
 use super::loss::{Curvature, LocalJet};
-use crate::geometry::{Cov2, Vec2};
+use crate::geometry::{Cov2, Vec2, turned};
 use crate::scan::Return;
 use crate::sparse::CellBlock;
 use crate::spline::{BasisRow, Jet, SUPPORT};
@@ -52,8 +52,7 @@ pub fn by_inputs(
     curvature: Curvature,
 ) -> InputJet {
     let d = seen.direction;
-    let turned = Vec2::new(-d.y, d.x);
-    let moves = [Vec2::new(1.0, 0.0), Vec2::new(0.0, 1.0), turned * seen.range, d];
+    let moves = [Vec2::new(1.0, 0.0), Vec2::new(0.0, 1.0), turned(d) * seen.range, d];
     let xi: [SVector<f64, 5>; 4] = std::array::from_fn(|a| {
         let bent = surface.hessian * moves[a];
         let direct = |index: usize| f64::from(a == index);
@@ -79,7 +78,7 @@ pub fn by_inputs(
         let direct = xi[a].dot(&(jet.hessian * xi[b]));
         let curve = match (a.min(b), a.max(b)) {
             (2, 2) => -d * seen.range,
-            (2, 3) => turned,
+            (2, 3) => turned(d),
             _ => Vec2::zeros(),
         };
         if exact { direct + moves[a].dot(&(bend * moves[b])) + pull.dot(&curve) } else { direct }

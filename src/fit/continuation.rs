@@ -1,8 +1,8 @@
 //! From a noisy start to the basin of the right minimum: coarse to fine in the loss instead of the lattice.
 //!
-//! The robust Eikonal loss has many minima. Where returns scatter by half a cell, the start has two or three walls in place
-//! of one, and a band without slope between them that the robust loss is content with; where poses are wrong by more than
-//! that, every scan has walls of its own. So a fit goes through stages, each begun where the last one ended:
+//! The robust Eikonal loss has many minima. Where returns scatter by half a cell, the start has two or three walls in
+//! place of one, and a band without slope between them that the robust loss is content with; where poses are wrong by
+//! more than that, every scan has walls of its own. So a fit goes through stages, each begun where the last one ended:
 //!
 //! ```text
 //! poses as reported   scale s_1        smoothing x F            what the scans agree upon
@@ -13,7 +13,8 @@
 //!
 //! A wide scale is nearly the squared loss, which closes doubled walls; it also lets ridges wander (the cut locus of a
 //! hall with pillars can end in another topology), so `s_1` and `F` are only as large as the noise asks for. This is
-//! graduated non-convexity (Blake and Zisserman 1987; Black and Rangarajan 1996) with the noise choosing where it begins.
+//! graduated non-convexity (Blake and Zisserman 1987; Black and Rangarajan 1996) with the noise choosing where it
+//! begins.
 
 use super::eikonal::EikonalLoss;
 use super::newton::StoppingRule;

@@ -2,19 +2,20 @@
 //!
 //! Moving everything at once changes no distance between anything seen, so the data say nothing about three of the pose
 //! unknowns' directions; their prior alone does. On a lattice that is not quite so: how well a spline follows a corner
-//! depends on where the corner lies in its cell, and the fit would move the map by centimetres, against a weak prior, to where
-//! corners suit the lattice, and report that place with a confidence nobody has. So the common motion is not fitted. In the
-//! unknowns `e` of `q = q0 + R e` it spans
+//! depends on where the corner lies in its cell, and the fit would move the map by centimetres, against a weak prior,
+//! to where corners suit the lattice, and report that place with a confidence nobody has. So the common motion is not
+//! fitted. In the unknowns `e` of `q = q0 + R e` it spans
 //!
 //! ```text
 //! U = orthonormal basis of [R_k^-1 A_k]_k      A_k = [1 0 -(y_k - y_c); 0 1 x_k - x_c; 0 0 1]
 //! ```
 //!
-//! and the objective gains `kappa |U^T e|^2`, a stiff spring: the fit keeps the reported poses' weighted mean motion, which
-//! is what the prior alone would say. The inputs' noise moves that mean, and so the map; *propagated* sees it through the
-//! inputs, and *posterior* adds the prior's variance along `U`.
+//! and the objective gains `kappa |U^T e|^2`, a stiff spring: the fit keeps the reported poses' weighted mean motion,
+//! which is what the prior alone would say. The inputs' noise moves that mean, and so the map; *propagated* sees it
+//! through the inputs, and *posterior* adds the prior's variance along `U`.
 //!
-//! Where some pose is exactly known in some direction (a singular covariance) the frame is tied down, and there is no gauge.
+//! Where some pose is exactly known in some direction (a singular covariance) the frame is tied down, and there is no
+//! gauge.
 
 use faer::Mat;
 use nalgebra::{DMatrix, Matrix3};

@@ -10,7 +10,8 @@ use nalgebra::{SMatrix, SVector};
 pub enum Curvature {
     /// The Hessian itself.
     Exact,
-    /// A positive semi-definite stand-in: its projection, point by point, for the Eikonal loss; Gauss-Newton's for returns.
+    /// A positive semi-definite stand-in: its projection, point by point, for the Eikonal loss; Gauss-Newton's for
+    /// returns.
     Convex,
 }
 

@@ -45,9 +45,9 @@ use crate::spline::{Lattice, Surface};
 /// Refining poses takes this many numbers at most (control points x pose unknowns): beyond, a step would be all border.
 const LARGEST_BORDER: usize = 2_000_000;
 
-/// `calibrated` asks for unit slope where there is evidence, and this many cells around it. Farther off, nothing says which
-/// of the many distance functions is the true one; the surface is continued smoothly, and a fit of a half-seen place
-/// converges.
+/// `calibrated` asks for unit slope where there is evidence, and this many cells around it. Farther off, nothing says
+/// which of the many distance functions is the true one; the surface is continued smoothly, and a fit of a half-seen
+/// place converges.
 const EIKONAL_BAND: f64 = 1.0;
 
 /// Steps a factorisation serves after its own under the squared loss, whose Hessian changes slowly along its valleys.
@@ -105,11 +105,7 @@ pub fn fit(
     options: &FitOptions,
     observer: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
 ) -> Result<Fit, FitError> {
-    let returns: Vec<Return> =
-        returns_of(scans).into_iter().filter(|seen| lattice.locate(seen.point).is_some()).collect();
-    if returns.is_empty() {
-        return Err(FitError::NoEvidence);
-    }
+    let returns = returns_inside(scans, lattice)?;
     let refinable = lattice.len().saturating_mul(3 * scans.len()) <= LARGEST_BORDER;
     let information = information(lattice, &returns, noise.sigma_range);
     let weights = Weights::resolve(options, lattice.resolution, refinable, information);
@@ -162,8 +158,8 @@ struct Descent<'a> {
 }
 
 impl Descent<'_> {
-    /// Minimises from the coefficients of the start; `unknowns` grow by the pose unknowns. Gradient and Hessian at the end are
-    /// given with the minimum.
+    /// Minimises from the coefficients of the start; `unknowns` grow by the pose unknowns. Gradient and Hessian at the
+    /// end are given with the minimum.
     fn run(
         &mut self,
         unknowns: &mut Vec<f64>,
@@ -198,6 +194,13 @@ impl Descent<'_> {
         let minimum = newton.minimise(unknowns, &rule, observer)?;
         Ok((minimum, newton.system))
     }
+}
+
+/// The returns inside the lattice; that there is none is an error.
+fn returns_inside(scans: &[LaserScan], lattice: &Lattice) -> Result<Vec<Return>, FitError> {
+    let returns: Vec<Return> =
+        returns_of(scans).into_iter().filter(|seen| lattice.locate(seen.point).is_some()).collect();
+    if returns.is_empty() { Err(FitError::NoEvidence) } else { Ok(returns) }
 }
 
 /// How many times over the returns' ranges determine a cell of wall: returns an occupied cell x (h / sigma)^2.
@@ -235,14 +238,10 @@ fn in_use(lattice: &Lattice, stencil: &Stencil, mut coefficients: Vec<f64>) -> S
 
 /// The poses for the pose unknowns `e`, which are empty where poses are fixed.
 fn corrected(scans: &[LaserScan], viewpoints: &[Viewpoint], e: &[f64]) -> Vec<Pose> {
-    let change = |scan: usize| match e.get(3 * scan..3 * scan + 3) {
-        Some(own) => viewpoints[scan].root * nalgebra::Vector3::from_column_slice(own),
-        None => nalgebra::Vector3::zeros(),
-    };
     scans
         .iter()
         .enumerate()
-        .map(|(scan, laser)| (laser.pose, change(scan)))
+        .map(|(scan, laser)| (laser.pose, viewpoints[scan].correction(scan, e)))
         .map(|(pose, change)| Pose::new(pose.x + change.x, pose.y + change.y, pose.theta + change.z))
         .collect()
 }

@@ -1,11 +1,11 @@
 //! Damped Newton with the exact Hessian.
 //!
-//! Each step solves `(H + mu D) p = -gradient` with the exact Hessian and [`Objective::damping`]'s `D`; `mu` rises until the
-//! matrix is positive definite and falls while the quadratic model keeps its promises. Where even a large `mu` does not
-//! help, the step comes from the convex stand-in of the Hessian, which always does. Along the step a backtracking line search (cubic
-//! cost: one evaluation, far below a factorisation) replaces the re-factorisations that a rejected step would need.
-//! Gauss-Newton would converge linearly here, because the Eikonal residuals at the cut locus stay large; the exact
-//! Hessian is as sparse and makes the end quadratic.
+//! Each step solves `(H + mu D) p = -gradient` with the exact Hessian and [`Objective::damping`]'s `D`; `mu` rises
+//! until the matrix is positive definite and falls while the quadratic model keeps its promises. Where even a large
+//! `mu` does not help, the step comes from the convex stand-in of the Hessian, which always does. Along the step a
+//! backtracking line search (cubic cost: one evaluation, far below a factorisation) replaces the re-factorisations that
+//! a rejected step would need. Gauss-Newton would converge linearly here, because the Eikonal residuals at the cut
+//! locus stay large; the exact Hessian is as sparse and makes the end quadratic.
 //!
 //! At the end the undamped exact Hessian is factorised once more: positive definite there, together with a vanishing
 //! gradient, is the certificate of a minimum.
@@ -56,8 +56,8 @@ const CONVEX_FROM: f64 = 1e3;
 const RAISE: f64 = 4.0;
 const LOWER: f64 = 0.1;
 const FORGET: f64 = 0.5;
-/// A chord's step may promise this many times what the one before did, and must keep this share of it: else the factor no longer
-/// tells what lies ahead.
+/// A chord's step may promise this many times what the one before did, and must keep this share of it: else the factor
+/// no longer tells what lies ahead.
 const CHORD_GROWTH: f64 = 4.0;
 const CHORD_GAIN: f64 = 0.1;
 /// A step shorter than this share of the Newton step is given up, and damping raised instead.
@@ -92,8 +92,8 @@ impl<'a> Newton<'a> {
         }
     }
 
-    /// Minimises from `unknowns`, which hold the result. `self.system` then is the exact one there, and the Cholesky factor
-    /// that of its Hessian where [`Minimum::positive_definite`].
+    /// Minimises from `unknowns`, which hold the result. `self.system` then is the exact one there, and the Cholesky
+    /// factor that of its Hessian where [`Minimum::positive_definite`].
     pub fn minimise(
         &mut self,
         unknowns: &mut [f64],
@@ -163,9 +163,9 @@ impl<'a> Newton<'a> {
         if self.minimum.objective.is_finite() { Ok(()) } else { Err(FitError::NotFinite) }
     }
 
-    /// Further steps with the factor at hand (Shamanskii's: a chord's slope in place of the tangent's), as long as they pay: a
-    /// gradient and a solve cost a fraction of a Hessian and its factor. `slope` is that of the step before. The solves go
-    /// unchecked: only a step that lowers the objective is taken.
+    /// Further steps with the factor at hand (Shamanskii's: a chord's slope in place of the tangent's), as long as they
+    /// pay: a gradient and a solve cost a fraction of a Hessian and its factor. `slope` is that of the step before. The
+    /// solves go unchecked: only a step that lowers the objective is taken.
     fn chords(&mut self, unknowns: &mut [f64], factor: &Bordered, most: usize, mut slope: f64) {
         for _ in 0..most {
             let mut step: Vec<f64> = self.objective.gradient(unknowns).iter().map(|g| -g).collect();

@@ -7,10 +7,10 @@
 //!         + |e|^2 + kappa |U^T e|^2                                   the poses' prior and gauge, where they are refined
 //! ```
 //!
-//! after Arukgoda et al., CASE 2019. There is no factor 1/2. The unknowns are the coefficients `c`, then three numbers `e` a
-//! scan where poses are refined ([`super::sightings`]). A uniform lattice has the same basis values at every cell's
-//! quadrature points, so one table of products serves all cells; the thin-plate energy is the same constant block in
-//! each. Returns are sorted by cell: a step adds one block per occupied cell.
+//! after Arukgoda et al., CASE 2019. There is no factor 1/2. The unknowns are the coefficients `c`, then three numbers
+//! `e` a scan where poses are refined ([`super::sightings`]). A uniform lattice has the same basis values at every
+//! cell's quadrature points, so one table of products serves all cells; the thin-plate energy is the same constant
+//! block in each. Returns are sorted by cell: a step adds one block per occupied cell.
 
 use std::sync::Arc;
 
@@ -22,7 +22,7 @@ use super::chain::{by_control_points, by_inputs};
 use super::eikonal::EikonalLoss;
 use super::gauge;
 use super::loss::Curvature;
-use super::sightings::Sightings;
+use super::sightings::{Placed, Sighting, Sightings};
 use crate::geometry::Vec2;
 use crate::sparse::{CellBlock, Stencil, StencilMatrix};
 use crate::spline::{BasisRow, Jet, Lattice, Located, SUPPORT, dot, gather, third_derivatives};
@@ -135,9 +135,7 @@ impl Objective {
                 total += self.eikonal.value(point.weight, g);
             }
         }
-        for (cell, sightings) in
-            self.sightings.at(&self.lattice, e).by_cell(&self.lattice).filter(|(cell, _)| self.uses(*cell))
-        {
+        for (cell, sightings) in self.occupied(&self.sightings.at(&self.lattice, e)) {
             let local = gather(c, &self.lattice.support(cell));
             for sighting in sightings {
                 let row = self.lattice.row(&sighting.located);
@@ -169,9 +167,7 @@ impl Objective {
             }
             support.iter().zip(&slope).for_each(|(&k, s)| gradient[k] += s);
         }
-        for (cell, sightings) in
-            self.sightings.at(&self.lattice, &[]).by_cell(&self.lattice).filter(|(cell, _)| self.uses(*cell))
-        {
+        for (cell, sightings) in self.occupied(&self.sightings.at(&self.lattice, &[])) {
             let support = self.lattice.support(cell);
             let local = gather(unknowns, &support);
             for sighting in sightings {
@@ -186,7 +182,8 @@ impl Objective {
         gradient
     }
 
-    /// Calls back with every cell's share of the Eikonal term's gradient: the control points, and the derivatives by them.
+    /// Calls back with every cell's share of the Eikonal term's gradient: the control points, and the derivatives by
+    /// them.
     pub fn for_each_eikonal_score(&self, c: &[f64], mut each: impl FnMut(&[usize; SUPPORT], &[f64; SUPPORT])) {
         for cell in self.cells().filter(|&cell| !self.quadrature_of(cell).is_empty()) {
             let support = self.lattice.support(cell);
@@ -252,9 +249,7 @@ impl Objective {
 
     fn assemble_sightings(&self, c: &[f64], e: &[f64], curvature: Curvature, system: &mut System) -> f64 {
         let mut total = 0.0;
-        for (cell, sightings) in
-            self.sightings.at(&self.lattice, e).by_cell(&self.lattice).filter(|(cell, _)| self.uses(*cell))
-        {
+        for (cell, sightings) in self.occupied(&self.sightings.at(&self.lattice, e)) {
             let support = self.lattice.support(cell);
             let local = gather(c, &support);
             let (mut block, mut slope) = (CellBlock::ZERO, [0.0; SUPPORT]);
@@ -286,8 +281,8 @@ impl Objective {
     /// What damping adds: the Hessian of `integral of |grad u|^2`, scaled so that one of it outweighs the most
     /// negative curvature the squared Eikonal loss can have, and a little of the identity.
     ///
-    /// Negative curvature arises in gradient space, so it is damped there: smooth, long-wave changes, which are what the
-    /// long thin valleys inside rooms need, go nearly undamped. With the identity alone a fit takes half as many
+    /// Negative curvature arises in gradient space, so it is damped there: smooth, long-wave changes, which are what
+    /// the long thin valleys inside rooms need, go nearly undamped. With the identity alone a fit takes half as many
     /// steps again.
     pub fn damping(&self) -> StencilMatrix {
         const IDENTITY_SHARE: f64 = 0.01;
@@ -319,8 +314,17 @@ impl Objective {
         (0..ny).flat_map(move |j| (0..nx).map(move |i| [i, j])).filter(|&cell| self.uses(cell))
     }
 
-    /// Whether a cell's control points are in use. A return that a refined pose puts where they are not is out of the map.
-    pub(crate) fn uses(&self, cell: [usize; 2]) -> bool {
+    /// The occupied cells in use with their sightings.
+    pub(crate) fn occupied<'a>(
+        &'a self,
+        placed: &'a Placed,
+    ) -> impl Iterator<Item = ([usize; 2], &'a [Sighting])> + 'a {
+        placed.by_cell(&self.lattice).filter(|(cell, _)| self.uses(*cell))
+    }
+
+    /// Whether a cell's control points are in use. A return that a refined pose puts where they are not is out of the
+    /// map.
+    fn uses(&self, cell: [usize; 2]) -> bool {
         self.stencil.is_active_cell(self.lattice.support(cell)[0])
     }
 }

@@ -10,7 +10,8 @@ use super::eikonal::EikonalLoss;
 pub enum Weighting {
     /// The published objective and constants.
     Paper,
-    /// Robust at the cut locus, Sampson's distance at returns, poses refined: what the accuracy and coverage tests hold.
+    /// Robust at the cut locus, Sampson's distance at returns, poses refined: what the accuracy and coverage tests
+    /// hold.
     #[default]
     Calibrated,
 }
@@ -39,8 +40,8 @@ pub struct FitOptions {
     pub smoothing: Option<f64>,
     /// What stands for what the spline cannot follow, metres.
     pub model_sigma: Option<f64>,
-    /// Control points are in use where evidence is at most this many cells away. `None`: a vector distance takes its own; a signed one,
-    /// which continues smoothly into space nobody saw, has all.
+    /// Control points are in use where evidence is at most this many cells away. `None`: a vector distance takes its
+    /// own; a signed one, which continues smoothly into space nobody saw, has all.
     pub band: Option<f64>,
 }
 
@@ -78,9 +79,9 @@ pub struct Weights {
     pub poses: Poses,
 }
 
-/// What `docs/calibration.md` settled on. The Eikonal and the thin-plate weight rise together with the square root of the
-/// returns' information: with few, noisy returns a stiff surface buys smooth ridges by moving walls; with many, a soft one
-/// lets them bend the map inside.
+/// What `docs/calibration.md` settled on. The Eikonal and the thin-plate weight rise together with the square root of
+/// the returns' information: with few, noisy returns a stiff surface buys smooth ridges by moving walls; with many, a
+/// soft one lets them bend the map inside.
 const CALIBRATED_EIKONAL: f64 = 1000.0;
 const CALIBRATED_SCALE: f64 = 0.2;
 const CALIBRATED_SMOOTHING: f64 = 1.0;

@@ -1,8 +1,8 @@
 //! What a return says about the surface: `u^2 / (g^T C g)`, Sampson's distance, or the published `rho_o u^2`.
 //!
 //! `u` and `g` are the distance and its gradient at the return, `C` the return's covariance: the loss is the squared
-//! distance to the zero level in standard deviations. Scaling `u` does not change it, so returns that scatter about a wall
-//! cannot flatten the map, which a weight frozen at the start lets them do (errors in variables: attenuation).
+//! distance to the zero level in standard deviations. Scaling `u` does not change it, so returns that scatter about a
+//! wall cannot flatten the map, which a weight frozen at the start lets them do (errors in variables: attenuation).
 //!
 //! Local quantities are `(u, g_x, g_y, theta, r)`: through `C` the loss depends on heading and range directly, too.
 

@@ -1,12 +1,13 @@
 //! The returns as the objective sees them: where they lie for given poses, on the lattice, sorted by cell.
 //!
-//! A refined pose is `q = q0 + R e`: `q0` the pose as reported, `R R^T` its covariance, `e` three unknowns whose prior is
-//! standard normal. So an exactly known coordinate (a singular covariance) needs no special case, and all unknowns of all
-//! scans have one scale.
+//! A refined pose is `q = q0 + R e`: `q0` the pose as reported, `R R^T` its covariance, `e` three unknowns whose prior
+//! is standard normal. So an exactly known coordinate (a singular covariance) needs no special case, and all unknowns
+//! of all scans have one scale.
 
 use std::borrow::Cow;
 
 use faer::Mat;
+use nalgebra::Vector3;
 
 use super::gauge;
 use super::loss::{Curvature, LocalJet};
@@ -31,6 +32,14 @@ pub struct Viewpoint {
     /// `R`, the square root of the pose's covariance.
     pub root: Cov3,
     pub noise: ReturnNoise,
+}
+
+impl Viewpoint {
+    /// What the pose unknowns `e` of all scans, which are empty where poses are fixed, change of this one's (x, y,
+    /// theta).
+    pub fn correction(&self, scan: usize, e: &[f64]) -> Vector3<f64> {
+        e.get(3 * scan..3 * scan + 3).map_or_else(Vector3::zeros, |own| self.root * Vector3::from_column_slice(own))
+    }
 }
 
 /// How a return's distance is weighed.
@@ -71,8 +80,8 @@ impl Sightings {
         sightings
     }
 
-    /// Makes the poses unknowns, or takes them as reported. Returns of an unknown pose have the ranges' noise alone: the
-    /// pose's is then modelled where it belongs.
+    /// Makes the poses unknowns, or takes them as reported. Returns of an unknown pose have the ranges' noise alone:
+    /// the pose's is then modelled where it belongs.
     pub fn refine(&mut self, refined: bool) {
         self.refined = refined;
         self.gauge = if refined { gauge::common_motion(&self.viewpoints) } else { Mat::zeros(0, 0) };
@@ -91,11 +100,6 @@ impl Sightings {
         if self.refined { Cow::Owned(self.place(lattice, e)) } else { Cow::Borrowed(&self.reported) }
     }
 
-    /// What the pose unknowns `e` of a scan change in (x, y, theta).
-    pub fn correction(&self, scan: usize, e: &[f64]) -> nalgebra::Vector3<f64> {
-        self.viewpoints[scan].root * nalgebra::Vector3::new(e[3 * scan], e[3 * scan + 1], e[3 * scan + 2])
-    }
-
     /// The loss of one sighting in `(u, g_x, g_y, theta, r)`.
     pub fn loss(&self, sighting: &Sighting, u: f64, g: Vec2, curvature: Curvature) -> LocalJet<5> {
         match &self.weighing {
@@ -108,7 +112,8 @@ impl Sightings {
     }
 
     fn place(&self, lattice: &Lattice, e: &[f64]) -> Placed {
-        let corrections: Vec<_> = (0..self.viewpoints.len()).map(|scan| self.correction(scan, e)).collect();
+        let corrections: Vec<_> =
+            self.viewpoints.iter().enumerate().map(|(scan, own)| own.correction(scan, e)).collect();
         let mut sorted: Vec<Sighting> = self
             .returns
             .iter()
@@ -116,7 +121,7 @@ impl Sightings {
             .map(|(source, seen)| {
                 let change = corrections[seen.scan];
                 let mut seen = *seen;
-                if change != nalgebra::Vector3::zeros() {
+                if change != Vector3::zeros() {
                     let (sin, cos) = change.z.sin_cos();
                     let d = seen.direction;
                     seen.direction = Vec2::new(cos * d.x - sin * d.y, sin * d.x + cos * d.y);

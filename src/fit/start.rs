@@ -1,15 +1,15 @@
 //! Where a fit starts: the signed distance to the nearest return, as a least-squares spline.
 //!
 //! The distance is sampled at the evidence's marks. It is negative where some beam passed. Elsewhere the nearest return
-//! tells: positive behind its surface as the beam met it, negative before. (Positive wherever no beam passed would put a jump,
-//! and with it a phantom surface, along the edge of what a scanner with a limited view saw of a free room.) A nearest
-//! return is found in an R*-tree, which has no trouble with the many equal coordinates of a straight wall.
+//! tells: positive behind its surface as the beam met it, negative before. (Positive wherever no beam passed would put
+//! a jump, and with it a phantom surface, along the edge of what a scanner with a limited view saw of a free room.) A
+//! nearest return is found in an R*-tree, which has no trouble with the many equal coordinates of a straight wall.
 
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
 use super::objective::thin_plate;
-use crate::geometry::Vec2;
+use crate::geometry::{Vec2, turned};
 use crate::scan::{Evidence, Return, SUBCELLS};
 use crate::sparse::{CellBlock, Cholesky, SparseError, StencilMatrix};
 use crate::spline::{BasisRow, Lattice, Surface};
@@ -22,8 +22,8 @@ const LONGEST_CHORD: f64 = 3.0;
 /// Beams to either side a chord spans at most.
 const WIDEST_CHORD: isize = 8;
 
-/// The starting surface. `returns` must not be empty. `blur` is the length, in cells, over which it is smoothed: returns
-/// that scatter by half a cell would otherwise start as two walls.
+/// The starting surface. `returns` must not be empty. `blur` is the length, in cells, over which it is smoothed:
+/// returns that scatter by half a cell would otherwise start as two walls.
 pub fn signed_nearest_return(
     lattice: &Lattice,
     returns: &[Return],
@@ -39,8 +39,8 @@ pub fn signed_nearest_return(
     least_squares(lattice, blur, cholesky, at_mark)
 }
 
-/// The least-squares spline of a function sampled at the evidence's marks; `sample` is given a mark and its place. `blur` is
-/// the length, in cells, over which it is smoothed.
+/// The least-squares spline of a function sampled at the evidence's marks; `sample` is given a mark and its place.
+/// `blur` is the length, in cells, over which it is smoothed.
 pub fn least_squares(
     lattice: &Lattice,
     blur: f64,
@@ -105,7 +105,7 @@ fn outward_normals(returns: &[Return], longest: f64) -> Vec<Vec2> {
         .map(|k| {
             let own = &returns[k];
             let chord = farthest(k, 1) - farthest(k, -1);
-            let across = Vec2::new(-chord.y, chord.x).try_normalize(1e-9).unwrap_or(own.direction);
+            let across = turned(chord).try_normalize(1e-9).unwrap_or(own.direction);
             if across.dot(&own.direction) < 0.0 { -across } else { across }
         })
         .collect()

@@ -1,9 +1,9 @@
 //! Request bodies: JSON, as it is or compressed, whole and within the limit.
 //!
-//! The body is received whole before it is answered, even where it is refused: a server that answers and hangs up while a
-//! client still sends makes the client see a broken connection instead of the answer. What is over the limit is thrown
-//! away as it comes, for a bounded while. Decompression stops where its output outgrows the limit, so a bomb costs no
-//! more than an honest body.
+//! The body is received whole before it is answered, even where it is refused: a server that answers and hangs up while
+//! a client still sends makes the client see a broken connection instead of the answer. What is over the limit is
+//! thrown away as it comes, for a bounded while. Decompression stops where its output outgrows the limit, so a bomb
+//! costs no more than an honest body.
 
 use std::io::Read;
 use std::time::Duration;

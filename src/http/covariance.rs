@@ -1,7 +1,7 @@
 //! The covariance of the coefficients, in five forms.
 //!
-//! `diagonal` and `sparse` are stored with the map. `block` and `full` are solved for on demand, from the stored factors;
-//! `factors` hands those out. See [`crate::uncertainty`] for the two kinds.
+//! `diagonal` and `sparse` are stored with the map. `block` and `full` are solved for on demand, from the stored
+//! factors; `factors` hands those out. See [`crate::uncertainty`] for the two kinds.
 
 use axum::response::Response;
 use serde_json::json;
@@ -165,8 +165,8 @@ fn dense(
     to_json(&json!({"kind": kind, "form": "block", "window": window, "matrix": rows}))
 }
 
-/// Hessian and inputs on the control points alone, or, where that would be too much, bordered: control points first, then
-/// `pose_unknowns` more.
+/// Hessian and inputs on the control points alone, or, where that would be too much, bordered: control points first,
+/// then `pose_unknowns` more.
 fn factors_npz(factors: &Factors) -> Result<Vec<u8>, NpzError> {
     let (hessian, inputs, border) = match factors.reduced(LARGEST_REDUCED) {
         Some(reduced) => (reduced.hessian, reduced.inputs, 0),

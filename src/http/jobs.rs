@@ -99,7 +99,8 @@ pub(crate) fn page<S, T: ToSchema + From<S>>(mut rows: Vec<S>, limit: i64, id: i
 
 /// Submit a job.
 ///
-/// The job is durable before the answer is sent. With `Idempotency-Key`, a repeat of the same body returns the first job.
+/// The job is durable before the answer is sent. With `Idempotency-Key`, a repeat of the same body returns the first
+/// job.
 #[utoipa::path(post, path = "/v1/jobs", tag = "jobs",
     params(("Idempotency-Key" = Option<String>, Header, description = "makes a repeat of the same body return the first job")),
     request_body(content = super::openapi::JobRequestBody, description = "scans, their noise, and the map to fit; may be gzip or zstd"),

@@ -1,6 +1,7 @@
 //! The contract in machine-readable form (OpenAPI 3.1). `openapi/openapi.json` is a snapshot of it that a test holds.
 //!
-//! Requests are validated by hand ([`crate::jobs::request`]), so their shapes are described here for the document alone.
+//! Requests are validated by hand ([`crate::jobs::request`]), so their shapes are described here for the document
+//! alone.
 
 use std::collections::BTreeMap;
 
@@ -115,8 +116,8 @@ pub struct FitRequestBody {
     smoothing: Option<f64>,
     /// What stands for what the spline cannot follow, metres; 2.5 % of the resolution by default.
     model_sigma: Option<f64>,
-    /// Control points are in use where evidence is at most this many cells away, and null elsewhere. By default an sdf has all, and a
-    /// vdf those within half a cell, or two standard deviations of its poses where these are refined.
+    /// Control points are in use where evidence is at most this many cells away, and null elsewhere. By default an sdf
+    /// has all, and a vdf those within half a cell, or two standard deviations of its poses where these are refined.
     band: Option<f64>,
 }
 

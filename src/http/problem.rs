@@ -1,7 +1,7 @@
 //! Errors as RFC 9457 problems.
 //!
-//! A handler returns a [`Problem`]; it travels in the response's extensions to [`super::conventions::finish`], which knows
-//! the request's id and path and writes the body.
+//! A handler returns a [`Problem`]; it travels in the response's extensions to [`super::conventions::finish`], which
+//! knows the request's id and path and writes the body.
 
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};

@@ -20,8 +20,8 @@ use crate::uncertainty::Kind;
 const MOST_POINTS: usize = 250_000;
 const MOST_FAULTS: usize = 100;
 
-/// Arrays in the order of the points; a point outside the lattice has nulls, and one where no control points are in use has
-/// nothing but `observed`.
+/// Arrays in the order of the points; a point outside the lattice has nulls, and one where no control points are in use
+/// has nothing but `observed`.
 #[derive(Debug, Default, Serialize, ToSchema)]
 pub struct QueryAnswer {
     pub kind: &'static str,

@@ -1,8 +1,8 @@
 //! A request for one representation of a map, from its address to the answer.
 //!
-//! Every GET below `/v1/maps/{id}` goes the same way: find the record (404), read the parameters and settle the format (422,
-//! 406), answer 304 where the client has it, else load the arrays, compute off the async threads, and tag the result. A
-//! handler says only what is its own.
+//! Every GET below `/v1/maps/{id}` goes the same way: find the record (404), read the parameters and settle the format
+//! (422, 406), answer 304 where the client has it, else load the arrays, compute off the async threads, and tag the
+//! result. A handler says only what is its own.
 
 use std::sync::Arc;
 

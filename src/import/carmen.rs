@@ -1,10 +1,10 @@
 //! CARMEN logs: `FLASER n r1..rn x y theta x y theta t host t`, metres and radians.
 //!
-//! The first pose is the laser's, corrected. Beam `i` points at -90 degrees plus `i` steps; a scanner with 180 or 181 beams
-//! has steps of 1 degree, one with 360 or 361 half a degree. Other lines (ODOM, PARAM, ROBOTLASER1, comments) are passed
-//! over. What a scanner writes for "no return" differs from log to log (81.83, 50.0, 32.76 have been seen, and in one log
-//! 81.87, 81.89 and 81.91): the largest values, where they are repeated as no measurement is, mean no return, never a
-//! surface.
+//! The first pose is the laser's, corrected. Beam `i` points at -90 degrees plus `i` steps; a scanner with 180 or 181
+//! beams has steps of 1 degree, one with 360 or 361 half a degree. Other lines (ODOM, PARAM, ROBOTLASER1, comments) are
+//! passed over. What a scanner writes for "no return" differs from log to log (81.83, 50.0, 32.76 have been seen, and
+//! in one log 81.87, 81.89 and 81.91): the largest values, where they are repeated as no measurement is, mean no
+//! return, never a surface.
 
 use std::collections::BTreeMap;
 

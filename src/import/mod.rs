@@ -1,6 +1,7 @@
 //! Robot logs into job requests.
 //!
-//! `carmen` reads CARMEN logs, `corridor` the shared data's simulated one; `odometry` says how uncertain poses grow along the way. What comes out is the contract's JSON, so a log goes the way any client's job goes.
+//! `carmen` reads CARMEN logs, `corridor` the shared data's simulated one; `odometry` says how uncertain poses grow
+//! along the way. What comes out is the contract's JSON, so a log goes the way any client's job goes.
 
 mod carmen;
 mod corridor;

@@ -1,15 +1,16 @@
 //! The odometry motion model: how a pose's covariance grows along the way.
 //!
-//! A motion between two poses is a turn `r1`, a straight way `t` and a turn `r2`, with independent errors (Thrun, Burgard, Fox,
-//! "Probabilistic Robotics", 5.4; the parameters are those of Nav2's AMCL):
+//! A motion between two poses is a turn `r1`, a straight way `t` and a turn `r2`, with independent errors (Thrun,
+//! Burgard, Fox, "Probabilistic Robotics", 5.4; the parameters are those of Nav2's AMCL):
 //!
 //! ```text
 //! var r1 = alpha1 r1^2 + alpha2 t^2     var t = alpha3 t^2 + alpha4 (r1^2 + r2^2)     var r2 = alpha1 r2^2 + alpha2 t^2
 //! C' = F C F^T + L diag(var r1, var t, var r2) L^T
 //! ```
 //!
-//! It is for logs whose poses are wheel odometry. A job takes the poses' errors as independent of each other, which those of
-//! odometry are not: a map of a long drive is better served by poses some SLAM has corrected, with a constant noise.
+//! It is for logs whose poses are wheel odometry. A job takes the poses' errors as independent of each other, which
+//! those of odometry are not: a map of a long drive is better served by poses some SLAM has corrected, with a constant
+//! noise.
 
 use nalgebra::{Matrix3, Vector3};
 

@@ -1,9 +1,9 @@
 //! A JSON document, compact enough to be read from a hostile client.
 //!
-//! Validation wants to see the whole document, to list every fault and not only the first; a generic JSON tree would cost
-//! 32 bytes a number. Here an array of numbers and nulls is one `Vec<f64>` (null is NaN), and the number of values is
-//! capped while parsing, before memory is spent on them. Nesting is limited by serde_json itself (128). A number that f64
-//! cannot carry (1e400) is a syntax error there.
+//! Validation wants to see the whole document, to list every fault and not only the first; a generic JSON tree would
+//! cost 32 bytes a number. Here an array of numbers and nulls is one `Vec<f64>` (null is NaN), and the number of values
+//! is capped while parsing, before memory is spent on them. Nesting is limited by serde_json itself (128). A number
+//! that f64 cannot carry (1e400) is a syntax error there.
 
 use std::cell::Cell;
 use std::fmt;

@@ -1,7 +1,7 @@
 //! Reading a request's members, keeping every fault: the primitives of [`super::request`].
 //!
-//! A reader's method gives `None` where the member is faulty, after noting the fault with its pointer; the caller goes on
-//! with the other members and gives up at the end.
+//! A reader's method gives `None` where the member is faulty, after noting the fault with its pointer; the caller goes
+//! on with the other members and gives up at the end.
 
 use super::document::Node;
 use super::request::{Fault, Limits};

@@ -1,10 +1,10 @@
 //! A map as `.npz` files anyone can open, and back.
 //!
-//! `map.npz` holds the surfaces (`sdf`, or `vdf_x` and `vdf_y`, of shape (ny+3, nx+3); NaN where a control point is not in
-//! use), `origin`, `resolution`, both covariances' entries on the stencil (`propagated`, `posterior`: the lower triangle,
-//! column by column; of a vector field with `_xx`, `_xy`, `_yx`, `_yy`), the evidence (`evidence`, 4 x 4 marks a cell),
-//! the poses and the returns. `factors.npz` holds what any covariance entry can be formed from. The fit's report is
-//! JSON inside `map.npz`, as bytes.
+//! `map.npz` holds the surfaces (`sdf`, or `vdf_x` and `vdf_y`, of shape (ny+3, nx+3); NaN where a control point is not
+//! in use), `origin`, `resolution`, both covariances' entries on the stencil (`propagated`, `posterior`: the lower
+//! triangle, column by column; of a vector field with `_xx`, `_xy`, `_yx`, `_yy`), the evidence (`evidence`, 4 x 4
+//! marks a cell), the poses and the returns. `factors.npz` holds what any covariance entry can be formed from. The
+//! fit's report is JSON inside `map.npz`, as bytes.
 
 use faer::Mat;
 use nalgebra::Matrix3;
@@ -232,8 +232,8 @@ pub fn on_lattice_npz(lattice: &Lattice, arrays: &[(&str, &[f64])]) -> Result<Ve
     npz.finish()
 }
 
-/// A field's covariance between control points that share a cell, both triangles in CSC, as `scipy.sparse.save_npz` writes it.
-/// A vector field's has the x coefficients before the y coefficients.
+/// A field's covariance between control points that share a cell, both triangles in CSC, as `scipy.sparse.save_npz`
+/// writes it. A vector field's has the x coefficients before the y coefficients.
 pub fn scipy_sparse(field: &Field, kind: Kind) -> Result<Vec<u8>, NpzError> {
     let n = field.lattice().len();
     let mut columns = CompressedColumns::new(match field {
@@ -261,8 +261,8 @@ pub fn scipy_sparse(field: &Field, kind: Kind) -> Result<Vec<u8>, NpzError> {
     npz.finish()
 }
 
-/// Appends the columns of blocks that lie one below the other, `n` rows each: of every block what holds its lower triangle,
-/// and what holds its upper one, transposed. Control points that are not in use have no entries.
+/// Appends the columns of blocks that lie one below the other, `n` rows each: of every block what holds its lower
+/// triangle, and what holds its upper one, transposed. Control points that are not in use have no entries.
 fn push_columns<const K: usize>(into: &mut CompressedColumns, n: usize, blocks: [(&StencilMatrix, &StencilMatrix); K]) {
     let stencil = blocks[0].0.stencil();
     let mut columns = vec![Vec::with_capacity(49 * K); n];

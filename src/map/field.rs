@@ -1,10 +1,10 @@
 //! The field a map holds: a signed distance, or a vector from the nearest surface.
 //!
-//! Whatever it is, a query needs the same few things of it at a point: the distance, its gradient and their covariance. A
-//! vector field gives them along its own direction `n`: there `n . V` is a signed distance whose coefficients are
-//! `n_x c_x + n_y c_y`, so the block of their covariance is `n_x^2 C_xx + n_x n_y (C_xy + C_yx) + n_y^2 C_yy`. Away from
-//! surfaces `n = V / |V|`; within half a cell of one, where noise decides which way a short vector points, `n` is the
-//! direction in which `V` grows fastest. So `sigma` is that of the signed distance across the surface, which is
+//! Whatever it is, a query needs the same few things of it at a point: the distance, its gradient and their covariance.
+//! A vector field gives them along its own direction `n`: there `n . V` is a signed distance whose coefficients are
+//! `n_x c_x + n_y c_y`, so the block of their covariance is `n_x^2 C_xx + n_x n_y (C_xy + C_yx) + n_y^2 C_yy`. Away
+//! from surfaces `n = V / |V|`; within half a cell of one, where noise decides which way a short vector points, `n` is
+//! the direction in which `V` grows fastest. So `sigma` is that of the signed distance across the surface, which is
 //! normal; `|V|` itself is not, being folded at zero.
 
 use nalgebra::SymmetricEigen;

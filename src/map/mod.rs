@@ -1,7 +1,8 @@
 //! A fitted map: the surface, its uncertainty, where there is evidence; questions about it, and its files.
 //!
-//! [`FittedMap`] is made from a [`Fit`] or a [`VectorFit`] once; from then on it never changes. Its [`Field`] is a signed or a
-//! vector distance; `query` answers what lies at a point. [`npz`] is how arrays become files that numpy opens; `archive` is a map as such files.
+//! [`FittedMap`] is made from a [`Fit`] or a [`VectorFit`] once; from then on it never changes. Its [`Field`] is a
+//! signed or a vector distance; `query` answers what lies at a point. [`npz`] is how arrays become files that numpy
+//! opens; `archive` is a map as such files.
 
 mod archive;
 mod field;

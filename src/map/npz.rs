@@ -1,7 +1,7 @@
 //! Arrays as `.npz`: a zip of `.npy` files, which `numpy.load` and `scipy.sparse.load_npz` open.
 //!
-//! Archives are deterministic: entries in the order they were added, all dated 1980-01-01, one compression level. Reading
-//! caps what a crafted archive may unpack to.
+//! Archives are deterministic: entries in the order they were added, all dated 1980-01-01, one compression level.
+//! Reading caps what a crafted archive may unpack to.
 
 use std::io::{self, Cursor, Read, Write};
 

@@ -1,7 +1,8 @@
 //! What a map says about a point: distance, gradient, their covariance, and whether there is evidence.
 //!
-//! Value and gradient are linear in the 16 coefficients of the point's cell, so their covariance is a 16 x 16 block of the
-//! stored marginals between three basis rows: nothing is solved. What a vector field makes of them: [`super::field`].
+//! Value and gradient are linear in the 16 coefficients of the point's cell, so their covariance is a 16 x 16 block of
+//! the stored marginals between three basis rows: nothing is solved. What a vector field makes of them:
+//! [`super::field`].
 
 use super::FittedMap;
 use crate::geometry::{Cov2, Vec2};

@@ -1,8 +1,8 @@
 //! Lines that break off inside a thin wall, joined again.
 //!
-//! Between the two faces of a wall thinner than a cell a field is nearly zero all over, and which face a line follows is luck: it breaks
-//! off where it changes sides. Ends nearer to each other than a cell, with nothing but wall between them, belong to one line.
-//! The nearest two are joined first; every end is joined once.
+//! Between the two faces of a wall thinner than a cell a field is nearly zero all over, and which face a line follows
+//! is luck: it breaks off where it changes sides. Ends nearer to each other than a cell, with nothing but wall between
+//! them, belong to one line. The nearest two are joined first; every end is joined once.
 
 use rstar::RTree;
 use rstar::primitives::GeomWithData;

@@ -1,9 +1,9 @@
 //! Level lines of the distance, and the band in which a level lies within so many standard deviations.
 //!
-//! Marching squares on samples finer than the lattice, then every vertex is moved onto the spline's own level by
-//! Newton steps along the gradient. The band is where `|u - level| <= k sigma`, traced on the signed ratio
-//! `(u - level) / sigma`, which crosses a band narrower than the sampling cleanly. Both are kept where there is evidence:
-//! a level in space nobody saw is not a wall. Where a vector field vanishes is traced by [`super::walls`].
+//! Marching squares on samples finer than the lattice, then every vertex is moved onto the spline's own level by Newton
+//! steps along the gradient. The band is where `|u - level| <= k sigma`, traced on the signed ratio
+//! `(u - level) / sigma`, which crosses a band narrower than the sampling cleanly. Both are kept where there is
+//! evidence: a level in space nobody saw is not a wall. Where a vector field vanishes is traced by [`super::walls`].
 
 use ::contour::ContourBuilder;
 use geo_types::{Coord, LineString, MultiLineString, MultiPolygon, Polygon};

@@ -1,9 +1,9 @@
 //! Occupancy grid maps: the probability that a surface passes within half a cell of a cell's centre.
 //!
 //! With mean `u` and standard deviation `s` of the distance at the centre, and cells of side `r`,
-//! `P = Phi((r/2 - u)/s) - Phi((-r/2 - u)/s)`. A cell is known where a beam passed, or where a surface was met in it and
-//! the distance agrees that it may be there; what lies behind a wall stays unknown. A vector field also vanishes where it
-//! jumps, half-way between two surfaces: there its divergence tells that nothing stands.
+//! `P = Phi((r/2 - u)/s) - Phi((-r/2 - u)/s)`. A cell is known where a beam passed, or where a surface was met in it and the distance agrees
+//! that it may be there; what lies behind a wall stays unknown. A vector field also vanishes where it jumps, half-way
+//! between two surfaces: there its divergence tells that nothing stands.
 
 use crate::geometry::Vec2;
 use crate::map::FittedMap;
@@ -129,7 +129,8 @@ pub(crate) fn within(mean: f64, sigma: f64, half: f64) -> f64 {
     normal_cdf((half - mean) / sigma) - normal_cdf((-half - mean) / sigma)
 }
 
-/// The standard normal distribution function, to 1.5e-7 (Abramowitz and Stegun 7.1.26): a hundredth is what a cell shows.
+/// The standard normal distribution function, to 1.5e-7 (Abramowitz and Stegun 7.1.26): a hundredth is what a cell
+/// shows.
 fn normal_cdf(z: f64) -> f64 {
     let x = z.abs() / std::f64::consts::SQRT_2;
     let t = 1.0 / (1.0 + 0.327_591_1 * x);

@@ -1,10 +1,10 @@
-//! Several figures side by side, as one SVG document.
+//! Several figures, beside and below each other, as one SVG document.
 
 use std::fmt::Write;
 
 use super::figure::Figure;
 
-/// A row of figures.
+/// Figures on one page.
 #[derive(Default)]
 pub struct Sheet {
     panels: String,
@@ -15,8 +15,7 @@ pub struct Sheet {
 impl Sheet {
     /// Adds a figure at the right.
     pub fn with(mut self, figure: Figure) -> Self {
-        let [width, height] = figure.axes.figure_size();
-        let _ = write!(self.panels, "<svg x=\"{}\" y=\"0\"{}", self.width, figure.finish().trim_start_matches("<svg"));
+        let [width, height] = self.place(figure, [self.width, 0.0]);
         self.width += width;
         self.height = self.height.max(height);
         self
@@ -24,11 +23,17 @@ impl Sheet {
 
     /// Adds a figure below all others.
     pub fn below(mut self, figure: Figure) -> Self {
-        let [width, height] = figure.axes.figure_size();
-        let _ = write!(self.panels, "<svg x=\"0\" y=\"{}\"{}", self.height, figure.finish().trim_start_matches("<svg"));
+        let [width, height] = self.place(figure, [0.0, self.height]);
         self.width = self.width.max(width);
         self.height += height;
         self
+    }
+
+    /// Writes a figure with its upper left corner there, and tells its size.
+    fn place(&mut self, figure: Figure, [x, y]: [f64; 2]) -> [f64; 2] {
+        let size = figure.axes.figure_size();
+        let _ = write!(self.panels, "<svg x=\"{x}\" y=\"{y}\"{}", figure.finish().trim_start_matches("<svg"));
+        size
     }
 
     /// The document.

@@ -1,11 +1,11 @@
 //! Where a vector field vanishes, and means it: walls.
 //!
-//! `|V|` touches zero without crossing it, and `V` also passes through zero where it jumps, half-way between two surfaces.
-//! Both are told apart by how `V` grows: across a wall along its normal `n` with slope 1 (between the faces of a thin one with
-//! less, but its divergence stays positive), across a jump against it. So where a surface was met, each edge of a grid of samples is asked
-//! whether `n . V`, with `n` the direction of fastest growth at its middle, changes sign from one end to the other; the
-//! crossings of a square's edges are joined, and the joints chained to lines. A line's band reaches as many standard
-//! deviations of `n . V` to either side.
+//! `|V|` touches zero without crossing it, and `V` also passes through zero where it jumps, half-way between two
+//! surfaces. Both are told apart by how `V` grows: across a wall along its normal `n` with slope 1 (between the faces
+//! of a thin one with less, but its divergence stays positive), across a jump against it. So where a surface was met,
+//! each edge of a grid of samples is asked whether `n . V`, with `n` the direction of fastest growth at its middle,
+//! changes sign from one end to the other; the crossings of a square's edges are joined, and the joints chained to
+//! lines. A line's band reaches as many standard deviations of `n . V` to either side.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use geo_types::{Coord, LineString, MultiLineString, MultiPolygon, Polygon};
 
 use super::bridges::bridged;
 use super::contour::Samples;
-use crate::geometry::Vec2;
+use crate::geometry::{Vec2, turned};
 use crate::map::FittedMap;
 use crate::uncertainty::Kind;
 
@@ -126,7 +126,7 @@ fn strip(map: &FittedMap, line: &[Vec2], k: f64, kind: Kind) -> Vec<Vec2> {
         (0..line.len())
             .map(|at| {
                 let ahead = line[(at + 1).min(line.len() - 1)] - line[at.saturating_sub(1)];
-                let across = Vec2::new(-ahead.y, ahead.x).try_normalize(0.0).unwrap_or_default();
+                let across = turned(ahead).try_normalize(0.0).unwrap_or_default();
                 let sigma = map.distance(line[at], kind).map_or(0.0, |(_, sigma)| sigma);
                 line[at] + across * (sign * k * sigma)
             })

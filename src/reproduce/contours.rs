@@ -1,5 +1,5 @@
-//! Figures 5 to 8: the fitted room. Zero contour, signed distance, two-sigma bounds at the true boundary, contours by spacing;
-//! with the published objective and with ours.
+//! Figures 5 to 8: the fitted room. Zero contour, signed distance, two-sigma bounds at the true boundary, contours by
+//! spacing; with the published objective and with ours.
 
 use std::ops::ControlFlow;
 

@@ -1,4 +1,5 @@
-//! Figures 9 and 10: experiment 2, a building as a vector distance map, h = 0.25 m, with Table II noise drawn on the true poses.
+//! Figures 9 and 10: experiment 2, a building as a vector distance map, h = 0.25 m, with Table II noise drawn on the
+//! true poses.
 
 use std::ops::ControlFlow;
 

@@ -1,10 +1,11 @@
 //! The method's two experiments again, figure by figure, from simulation.
 //!
-//! Source: Arukgoda, Ranasinghe, Dantanarayana, Dissanayake, Furukawa, "Representation of Uncertain Occupancy Maps with High
-//! Level Feature Vectors", CASE 2019. Its figures 1 to 10 and its two tables, each as a [`Plate`] or a [`Table`], drawn with the
-//! published objective where ours differs from it, and with ours beside it; what was published about a figure stands beside what is measured
-//! here. The text's room has no printed size; ours is that of [`Scenario::experiment_one`]. Experiment 2 runs in an office of our own making
-//! and, where its walls are at hand, in the corridor of Willow Garage.
+//! Source: Arukgoda, Ranasinghe, Dantanarayana, Dissanayake, Furukawa, "Representation of Uncertain Occupancy Maps with
+//! High Level Feature Vectors", CASE 2019. Its figures 1 to 10 and its two tables, each as a [`Plate`] or a [`Table`],
+//! drawn with the published objective where ours differs from it, and with ours beside it; what was published about a
+//! figure stands beside what is measured here. The text's room has no printed size; ours is that of
+//! [`Scenario::experiment_one`]. Experiment 2 runs in an office of our own making and, where its walls are at hand, in
+//! the corridor of Willow Garage.
 
 mod contours;
 mod corridor;

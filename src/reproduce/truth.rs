@@ -22,7 +22,8 @@ pub struct Truth<'a> {
     survey: &'a Survey,
     /// Points of seen walls, with the wall's normal; 0.1 m apart.
     pub walls: Vec<(Vec2, Vec2)>,
-    /// Points of seen space within 1 m of a seen wall, farther than a cell from the cut locus, with the nearest wall point.
+    /// Points of seen space within 1 m of a seen wall, farther than a cell from the cut locus, with the nearest wall
+    /// point.
     pub space: Vec<(Vec2, Vec2)>,
     hits: Vec<Vec2>,
 }

@@ -1,10 +1,10 @@
 //! Where there is evidence: what beams passed through, and where they met a surface.
 //!
 //! A raster with [`SUBCELLS`] x [`SUBCELLS`] marks per lattice cell. A mark is *free* where it lies between two
-//! neighbouring beams, nearer than what they met, and *surface* where it lies within half a cell of what was met. Returns
-//! of neighbouring beams belong to one surface where the line between them is not nearly parallel to the beams; the
-//! wedge then ends at that line, else at the nearer return. A beam without a return is evidence of nothing: beside it
-//! only half the wedge counts, the half nearer to the beam that did return.
+//! neighbouring beams, nearer than what they met, and *surface* where it lies within half a cell of what was met.
+//! Returns of neighbouring beams belong to one surface where the line between them is not nearly parallel to the beams;
+//! the wedge then ends at that line, else at the nearer return. A beam without a return is evidence of nothing: beside
+//! it only half the wedge counts, the half nearer to the beam that did return.
 
 use super::laser::LaserScan;
 use crate::geometry::{Vec2, distance_to_segment, wrap_angle};
@@ -88,7 +88,8 @@ impl Evidence {
         Seen { free: mark & FREE != 0, surface: mark & SURFACE != 0 }
     }
 
-    /// The cells, x fastest, that have a mark in them or at most `band` cells away along x and y, to a quarter of a cell.
+    /// The cells, x fastest, that have a mark in them or at most `band` cells away along x and y, to a quarter of a
+    /// cell.
     pub fn cells_within(&self, lattice: &Lattice, band: f64) -> Vec<bool> {
         let ([nx, ny], [width, height]) = (lattice.cells, self.size);
         let reach = (band * SUBCELLS as f64).round().clamp(0.0, (width.max(height)) as f64) as usize;
@@ -191,7 +192,8 @@ impl<'a> Sweep<'a> {
         Self { scan, center, points, ranges, joined, reach }
     }
 
-    /// The corners of a rectangle around everything its beams passed: the scanner, what it met, and half a beam's width beside that.
+    /// The corners of a rectangle around everything its beams passed: the scanner, what it met, and half a beam's width
+    /// beside that.
     fn extent(&self) -> (Vec2, Vec2) {
         let (low, high) =
             self.points.iter().flatten().fold((self.center, self.center), |(low, high), p| (low.inf(p), high.sup(p)));
@@ -258,7 +260,8 @@ mod tests {
     use super::*;
     use crate::geometry::{Bounds, Pose};
 
-    /// A robot in the middle of a square room of side 4, a full turn of 1 degree, with some beams left without a return.
+    /// A robot in the middle of a square room of side 4, a full turn of 1 degree, with some beams left without a
+    /// return.
     fn square(missing: std::ops::Range<usize>) -> (Lattice, Evidence) {
         let ranges = (0..360)
             .map(|k| {

@@ -12,7 +12,7 @@
 use nalgebra::SMatrix;
 
 use super::returns::Return;
-use crate::geometry::{Cov2, Cov3, Vec2};
+use crate::geometry::{Cov2, Cov3, Vec2, turned};
 
 /// How noisy the returns of one scan are.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,11 +49,11 @@ impl ReturnNoise {
 
     pub fn jet(&self, seen: &Return) -> CovarianceJet {
         let d = seen.direction;
-        let turned = Vec2::new(-d.y, d.x);
+        let across = turned(d);
         let symmetric = |half: Cov2| half + half.transpose();
         let mut jet = CovarianceJet {
             value: self.covariance(seen),
-            by_heading: symmetric(turned * d.transpose()) * self.range_variance,
+            by_heading: symmetric(across * d.transpose()) * self.range_variance,
             by_range: Cov2::zeros(),
             by_heading_twice: Cov2::zeros(),
         };
@@ -65,10 +65,10 @@ impl ReturnNoise {
                     symmetric(changed * pose * seen.by_pose().transpose())
                 };
                 jet.by_heading += along(-d * seen.range);
-                jet.by_range = along(turned);
+                jet.by_range = along(across);
             }
             None => {
-                jet.by_heading_twice = (turned * turned.transpose() - d * d.transpose()) * (2.0 * self.range_variance);
+                jet.by_heading_twice = (across * across.transpose() - d * d.transpose()) * (2.0 * self.range_variance);
             }
         }
         jet

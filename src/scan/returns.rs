@@ -1,7 +1,7 @@
 //! Returns in the world, with what noise in range and pose does to them.
 //!
-//! `X = p + r d`, `d = (cos(theta + b), sin(theta + b))`. Its derivative with respect to the range is `d`, with respect to
-//! (x, y, theta) `[I | r d_perp]`. (The method's paper prints `theta - b`; every real log needs `theta + b`.) The
+//! `X = p + r d`, `d = (cos(theta + b), sin(theta + b))`. Its derivative with respect to the range is `d`, with respect
+//! to (x, y, theta) `[I | r d_perp]`. (The method's paper prints `theta - b`; every real log needs `theta + b`.) The
 //! covariance that follows depends on whether the pose is known: see [`super::ReturnNoise`].
 
 use nalgebra::SMatrix;

@@ -1,11 +1,11 @@
 //! A floor plan: walls as segments, with space on either side of them.
 //!
-//! Where a [`World`](super::World) has an inside, a plan has none: the truth for a vector map is the nearest point of any
-//! wall.
+//! Where a [`World`](super::World) has an inside, a plan has none: the truth for a vector map is the nearest point of
+//! any wall.
 
 use super::lidar::{Lidar, Scene};
 use super::world::hit;
-use crate::geometry::{Pose, Vec2, nearest_on_segment, wrap_angle};
+use crate::geometry::{Pose, Vec2, nearest_on_segment, turned, wrap_angle};
 
 /// Walls of a building.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,8 +44,8 @@ impl Plan {
         })
     }
 
-    /// Points along the walls, `step` metres of wall apart, each with its wall's unit normal. Walls shorter than a step are
-    /// counted together, so that a jagged corner has no more points than its length is worth.
+    /// Points along the walls, `step` metres of wall apart, each with its wall's unit normal. Walls shorter than a step
+    /// are counted together, so that a jagged corner has no more points than its length is worth.
     pub fn boundary(&self, step: f64) -> Vec<(Vec2, Vec2)> {
         let mut points = Vec::new();
         let mut next = 0.5 * step;
@@ -53,7 +53,7 @@ impl Plan {
             let length = (b - a).norm();
             let Some(along) = (b - a).try_normalize(1e-9) else { continue };
             while next < length {
-                points.push((a + along * next, Vec2::new(-along.y, along.x)));
+                points.push((a + along * next, turned(along)));
                 next += step;
             }
             next -= length;

@@ -23,9 +23,9 @@ const WALL: f64 = 0.15;
 const DOOR: f64 = 1.0;
 
 impl Survey {
-    /// An office of our own making, for the method's experiment 2 on any machine: a corridor with five rooms on either side
-    /// behind walls 0.15 m thick with doors, a pillar in some of them; 26 scans of 271 beams over 270 degrees, two in
-    /// every room.
+    /// An office of our own making, for the method's experiment 2 on any machine: a corridor with five rooms on either
+    /// side behind walls 0.15 m thick with doors, a pillar in some of them; 26 scans of 271 beams over 270 degrees, two
+    /// in every room.
     pub fn office(sigma_range: f64, seed: u64) -> Self {
         let plan = office();
         let lidar = Lidar { range_max: 20.0, ..Lidar::of_degrees(271, 270.0) };

@@ -43,8 +43,8 @@ impl World {
         hall
     }
 
-    /// An office like a comb: a corridor 3 m wide along the bottom of a square, and rooms 3 m wide behind walls of 1 m that
-    /// open into it. `side` is rounded to whole rooms.
+    /// An office like a comb: a corridor 3 m wide along the bottom of a square, and rooms 3 m wide behind walls of 1 m
+    /// that open into it. `side` is rounded to whole rooms.
     pub fn comb_office(side: f64) -> Self {
         let teeth = ((side + 1.0) / 4.0).round().max(1.0) as usize;
         let side = 4.0 * teeth as f64 - 1.0;

@@ -178,8 +178,8 @@ pub(crate) fn relative_residual(matrix: &StencilMatrix, x: &[f64], b: &[f64]) ->
 
 #[cfg(test)]
 pub(crate) mod tests {
-    use super::super::stencil::CellBlock;
     use super::*;
+    use crate::sparse::{CellBlock, Stencil};
     use crate::spline::SUPPORT;
     use rand::{RngExt, SeedableRng};
 

@@ -7,11 +7,13 @@
 
 pub mod dissection;
 
+mod block;
 mod cholesky;
 mod selected;
 mod stencil;
 
+pub use block::CellBlock;
 pub(crate) use cholesky::LARGEST_RESIDUAL;
 pub use cholesky::{Cholesky, SparseError};
 pub use selected::{selected_inverse, selected_sandwich};
-pub use stencil::{CellBlock, Stencil, StencilMatrix};
+pub use stencil::{Stencil, StencilMatrix};

@@ -235,7 +235,8 @@ impl<'a> Panels<'a> {
             .collect()
     }
 
-    /// Adds a child's update (its lower triangle) to supernode `s`: to its panel, and to `trailing` between the rows below.
+    /// Adds a child's update (its lower triangle) to supernode `s`: to its panel, and to `trailing` between the rows
+    /// below.
     fn extend_add(&mut self, s: usize, trailing: &mut Mat<f64>, child: usize, update: MatRef<'_, f64>) {
         let places = self.places(s, self.symbolic.supernode(child).pattern());
         let (width, height, span) = (self.width(s), self.height(s), self.span(s));

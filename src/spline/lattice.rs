@@ -106,8 +106,8 @@ impl Lattice {
         Some(Located { cell: [i, j], local: [t, w] })
     }
 
-    /// The nearest cell and the point's local coordinates in it, which lie outside [0, 1] for a point outside the lattice:
-    /// the surface is then the nearest cell's polynomial, continued.
+    /// The nearest cell and the point's local coordinates in it, which lie outside [0, 1] for a point outside the
+    /// lattice: the surface is then the nearest cell's polynomial, continued.
     pub fn locate_or_extend(&self, p: Vec2) -> Located {
         self.locate(p).unwrap_or_else(|| {
             let along = |value: f64, axis: usize| {

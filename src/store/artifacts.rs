@@ -1,7 +1,7 @@
 //! The arrays of finished maps, as files in an object store.
 //!
-//! An attempt writes under a prefix of its own, `attempts/JOB/ATTEMPT/`; the fenced finish names that prefix in the map's row.
-//! What no row names was written by an attempt that lost its lease or died, and is swept.
+//! An attempt writes under a prefix of its own, `attempts/JOB/ATTEMPT/`; the fenced finish names that prefix in the
+//! map's row. What no row names was written by an attempt that lost its lease or died, and is swept.
 
 use std::path::Path as FilePath;
 use std::sync::Arc;

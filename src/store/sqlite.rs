@@ -1,7 +1,7 @@
 //! The records in SQLite: the default, one file under the data folder.
 //!
-//! WAL, `synchronous = FULL` (a commit is on disk before it returns), and one writer connection, so that writers queue in
-//! the process instead of meeting `SQLITE_BUSY` in the database; a second process on the same file waits by
+//! WAL, `synchronous = FULL` (a commit is on disk before it returns), and one writer connection, so that writers queue
+//! in the process instead of meeting `SQLITE_BUSY` in the database; a second process on the same file waits by
 //! `busy_timeout`. Every write transaction is `BEGIN IMMEDIATE`: a transaction that begins as a reader and then writes
 //! could meet `SQLITE_BUSY_SNAPSHOT`, which no timeout covers.
 

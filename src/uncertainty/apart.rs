@@ -7,8 +7,8 @@
 //! propagated  H_a^-1 B_a B_a^T H_a^-1,   B_a = d2f / dc_a dinputs = 2 rho_o (grad V_a B + V_a grad B) . dX
 //! ```
 //!
-//! `dX` is a return's change by its range's standard deviation or along a column of its pose's covariance root. Covariances between
-//! the components are zero by that form, not by nature.
+//! `dX` is a return's change by its range's standard deviation or along a column of its pose's covariance root.
+//! Covariances between the components are zero by that form, not by nature.
 
 use std::collections::BTreeMap;
 

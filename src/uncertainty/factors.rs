@@ -150,9 +150,14 @@ impl Factors {
 
     /// The dense covariance between the given coefficients, row-major, exact.
     pub fn block(&self, kind: Kind, points: &[usize]) -> Result<Vec<f64>, UncertaintyError> {
-        if let Some(apart) = &self.apart {
-            return self.block_apart(apart, kind, points);
+        match &self.apart {
+            Some(apart) => self.block_apart(apart, kind, points),
+            None => self.block_alone(kind, points),
         }
+    }
+
+    /// [`Factors::block`] of this component.
+    fn block_alone(&self, kind: Kind, points: &[usize]) -> Result<Vec<f64>, UncertaintyError> {
         let mut cholesky = Cholesky::analyse(self.hessian.stencil())?;
         let system = self.system();
         let border = Bordered::factorise(&system, &mut cholesky)?;
@@ -191,11 +196,10 @@ impl Factors {
     fn block_apart(&self, apart: &Self, kind: Kind, points: &[usize]) -> Result<Vec<f64>, UncertaintyError> {
         let (n, m) = (self.coefficients(), points.len());
         let mut result = vec![0.0; m * m];
-        let alone = Self { apart: None, ..self.clone() };
-        for (own, first) in [(&alone, 0), (apart, n)] {
+        for (own, first) in [(self, 0), (apart, n)] {
             let of_its: Vec<usize> = (0..m).filter(|&k| (first..first + n).contains(&points[k])).collect();
             let places: Vec<usize> = of_its.iter().map(|&k| points[k] - first).collect();
-            let block = own.block(kind, &places)?;
+            let block = own.block_alone(kind, &places)?;
             for (a, &row) in of_its.iter().enumerate() {
                 of_its
                     .iter()
@@ -227,14 +231,18 @@ impl Factors {
         }
     }
 
-    /// The factors with the poses eliminated, or `None` where that would take more than `limit` entries. Whatever any scan
-    /// saw is coupled then: the gauge ties all poses together.
+    /// The factors with the poses eliminated, or `None` where that would take more than `limit` entries. Whatever any
+    /// scan saw is coupled then: the gauge ties all poses together.
     pub fn reduced(&self, limit: usize) -> Option<Reduced> {
-        if let Some(apart) = &self.apart {
-            let (own, other) = (Self { apart: None, ..self.clone() }.reduced(limit)?, apart.reduced(limit)?);
-            let (hessian, inputs) = (own.hessian.beside(&other.hessian), own.inputs.beside(&other.inputs));
-            return Some(Reduced { hessian, inputs });
-        }
+        let own = self.reduced_alone(limit)?;
+        let Some(apart) = &self.apart else { return Some(own) };
+        let other = apart.reduced_alone(limit)?;
+        let (hessian, inputs) = (own.hessian.beside(&other.hessian), own.inputs.beside(&other.inputs));
+        Some(Reduced { hessian, inputs })
+    }
+
+    /// [`Factors::reduced`] of this component.
+    fn reduced_alone(&self, limit: usize) -> Option<Reduced> {
         let (n, unknowns) = (self.coefficients(), self.coupling.columns());
         let mut seen: Vec<usize> = (0..unknowns).flat_map(|k| self.coupling.column(k)).map(|(row, _)| row).collect();
         seen.sort_unstable();
@@ -288,7 +296,8 @@ impl Factors {
     }
 
     /// The gauge's share of the posterior, `m m^T`, as a change of the eliminated Hessian `H'` (Woodbury):
-    /// `(H'^-1 + m m^T / 2)^-1 = H' - V T V^T` with `V = H' m`, `T = (2 I + m^T V)^-1`. `V` lives where scans saw something.
+    /// `(H'^-1 + m m^T / 2)^-1 = H' - V T V^T` with `V = H' m`, `T = (2 I + m^T V)^-1`. `V` lives where scans saw
+    /// something.
     fn common_motion(&self, seen: &[usize], coupling: &Mat<f64>, lost: &Mat<f64>) -> Option<CommonMotion> {
         let (n, modes) = (self.coefficients(), self.gauge.ncols());
         let mut moved = Mat::<f64>::zeros(n, modes);

@@ -1,13 +1,14 @@
 //! The mixed derivatives of the objective by unknowns and inputs, times a square root of the inputs' covariance.
 //!
-//! Range inputs: one column a return, `sigma_r [f_cr; R^T f_qr]` with 16 control points and its scan's three pose unknowns.
-//! Pose inputs: three columns a scan. A pose is `q0 + R e`; the reported `q0` and the unknown `e` enter the objective in
-//! the same way except for the prior `|e|^2`, so the columns are those of the Hessian by `e` without the prior's `2 I`:
-//! `[K; P - 2 I]`. With fixed poses there is no `e` and the columns are `f_cq R`.
+//! Range inputs: one column a return, `sigma_r [f_cr; R^T f_qr]` with 16 control points and its scan's three pose
+//! unknowns. Pose inputs: three columns a scan. A pose is `q0 + R e`; the reported `q0` and the unknown `e` enter the
+//! objective in the same way except for the prior `|e|^2`, so the columns are those of the Hessian by `e` without the
+//! prior's `2 I`: `[K; P - 2 I]`. With fixed poses there is no `e` and the columns are `f_cq R`.
 //!
-//! Misfit: one column a cell, the gradient of its Eikonal term at the minimum (calibrated maps). Where the surface can have
-//! unit slope that vanishes; at ridges, which no spline follows, it is what they pull with. Treating the pulls of
-//! different cells as independent errors of the model is the cluster-robust "sandwich" of Huber (1967) and White (1980).
+//! Misfit: one column a cell, the gradient of its Eikonal term at the minimum (calibrated maps). Where the surface can
+//! have unit slope that vanishes; at ridges, which no spline follows, it is what they pull with. Treating the pulls of
+//! different cells as independent errors of the model is the cluster-robust "sandwich" of Huber (1967) and White
+//! (1980).
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -85,7 +86,7 @@ pub fn for_each_return(fit: &Fit, mut each: impl FnMut(RangeInputs, PoseInputs))
     let objective = &fit.objective;
     let (lattice, sightings) = (&objective.lattice, &objective.sightings);
     let (c, e) = fit.unknowns.split_at(lattice.len());
-    for (cell, seen) in sightings.at(lattice, e).by_cell(lattice).filter(|(cell, _)| objective.uses(*cell)) {
+    for (cell, seen) in objective.occupied(&sightings.at(lattice, e)) {
         let support = lattice.support(cell);
         let local = gather(c, &support);
         for sighting in seen {

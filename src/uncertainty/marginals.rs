@@ -1,7 +1,7 @@
 //! The covariances' entries between control points that share a cell: all that any query needs.
 //!
-//! With `H` the lattice's Hessian, `G = sum over returns sigma_r^2 f_cr f_cr^T` on its stencil, and the border `K`, `P`, `S`,
-//! `W = H^-1 K` of [`Bordered`]:
+//! With `H` the lattice's Hessian, `G = sum over returns sigma_r^2 f_cr f_cr^T` on its stencil, and the border `K`,
+//! `P`, `S`, `W = H^-1 K` of [`Bordered`]:
 //!
 //! ```text
 //! fixed poses     posterior   2 H^-1
@@ -12,8 +12,9 @@
 //!                   Q = S^-1 (B_e B_e^T - W^T B_c B_e^T - (...)^T + W^T G W) S^-1 + (S^-1 D)(S^-1 D)^T,  D = 2 I + 2 kappa U U^T
 //! ```
 //!
-//! `U` is the gauge ([`gauge`]), which `S` contains. `H^-1` and `H^-1 G H^-1` come from selected inversion; the rest are a few dense columns a scan. `R Q R^T` is the
-//! refined poses' propagated covariance. Everything is scaled to be symmetric before it is stored.
+//! `U` is the gauge ([`gauge`]), which `S` contains. `H^-1` and `H^-1 G H^-1` come from selected inversion; the rest
+//! are a few dense columns a scan. `R Q R^T` is the refined poses' propagated covariance. Everything is scaled to be
+//! symmetric before it is stored.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
@@ -51,8 +52,8 @@ pub struct PoseCovariance {
     pub posterior: Vec<Cov3>,
 }
 
-/// Computes the marginals of a fit. Where the fit's Hessian is indefinite (it did not converge) the convex stand-in takes
-/// its place; the fit's `positive_definite` says so.
+/// Computes the marginals of a fit. Where the fit's Hessian is indefinite (it did not converge) the convex stand-in
+/// takes its place; the fit's `positive_definite` says so.
 pub fn marginals(fit: &mut Fit) -> Result<(Marginals, PoseCovariance), UncertaintyError> {
     let border = settle(fit)?;
     let mut g = StencilMatrix::zeros(fit.cholesky.stencil().clone());

@@ -66,28 +66,29 @@ fn exact_covariances(factors: &Factors) -> [Mat<f64>; 2] {
     [&image * image.transpose(), posterior]
 }
 
-/// How far stored entries may be from dense inverses, as a share of the standard deviations. Loosely held control points, of a vector field
-/// at its fringe, come to a few 1e-9 by rounding.
-const AGREEMENT: f64 = 1e-8;
+/// How far entries may be from dense inverses, as a share of the standard deviations: of a signed map, and of a vector
+/// field, whose loosely held fringe rounds worse.
+const SIGNED: f64 = 1e-9;
+const VECTOR: f64 = 1e-8;
 
 /// The stored entries, of rows from `first.0` and columns from `first.1` on, against the exact ones.
-fn check_entries(stored: &StencilMatrix, exact: &Mat<f64>, first: (usize, usize)) {
+fn check_entries(stored: &StencilMatrix, exact: &Mat<f64>, first: (usize, usize), within: f64) {
     for ((p, q), value) in stored.stencil().entries().zip(&stored.values) {
         let (p, q) = (first.0 + p, first.1 + q);
         let scale = (exact[(p, p)] * exact[(q, q)]).sqrt();
-        assert!((value - exact[(p, q)]).abs() <= AGREEMENT * scale, "({p}, {q}): {value} for {}", exact[(p, q)]);
+        assert!((value - exact[(p, q)]).abs() <= within * scale, "({p}, {q}): {value} for {}", exact[(p, q)]);
     }
 }
 
 /// A block from the factors, of the first component and the last.
-fn check_block(factors: &Factors, kind: Kind, exact: &Mat<f64>) {
+fn check_block(factors: &Factors, kind: Kind, exact: &Mat<f64>, within: f64) {
     let last = factors.coefficients() - 160;
     let window: Vec<usize> = (100..120).chain(last..last + 20).collect();
     let block = factors.block(kind, &window).unwrap();
     for (row, &p) in window.iter().enumerate() {
         for (column, &q) in window.iter().enumerate() {
             let scale = (exact[(p, p)] * exact[(q, q)]).sqrt();
-            assert!((block[row * 40 + column] - exact[(p, q)]).abs() <= AGREEMENT * scale);
+            assert!((block[row * 40 + column] - exact[(p, q)]).abs() <= within * scale);
         }
     }
 }
@@ -109,9 +110,9 @@ fn both_components_of_a_vector_field_agree_with_a_dense_reference() {
         let n = fit.field[0].lattice.len();
         for (kind, exact) in [Kind::Propagated, Kind::Posterior].into_iter().zip(&exact_covariances(&factors)) {
             for (part, first) in marginals.of(kind).parts().into_iter().zip([(0, 0), (0, n), (n, 0), (n, n)]) {
-                check_entries(part, exact, first);
+                check_entries(part, exact, first, VECTOR);
             }
-            check_block(&factors, kind, exact);
+            check_block(&factors, kind, exact, VECTOR);
         }
         check_elimination(&factors);
     }
@@ -127,8 +128,8 @@ fn check_against_dense(options: FitOptions) {
     let n = fit.surface.lattice.len();
     let [propagated, posterior] = exact_covariances(&factors);
     for (kind, exact) in [(Kind::Propagated, &propagated), (Kind::Posterior, &posterior)] {
-        check_entries(marginals.of(kind), exact, (0, 0));
-        check_block(&factors, kind, exact);
+        check_entries(marginals.of(kind), exact, (0, 0), SIGNED);
+        check_block(&factors, kind, exact, SIGNED);
     }
     for (scan, covariance) in poses.propagated.iter().enumerate() {
         let root = fit.objective.sightings.viewpoints[scan].root;
@@ -224,8 +225,8 @@ fn a_changed_input_moves_the_minimum_as_predicted() {
     }
 }
 
-/// The minimum near that of `scans` where the returns are those of `changed`. Everything else stays: which cells hold evidence,
-/// and which of several minima is meant, are no smooth functions of the input.
+/// The minimum near that of `scans` where the returns are those of `changed`. Everything else stays: which cells hold
+/// evidence, and which of several minima is meant, are no smooth functions of the input.
 fn refitted(scans: &[LaserScan], changed: &[LaserScan], options: &FitOptions) -> Vec<f64> {
     let mut fit = fitted(scans, options);
     fit.objective.sightings = fitted(changed, options).objective.sightings;

@@ -1,10 +1,11 @@
 //! The covariance of a vector field: of both components, and between them.
 //!
-//! The components `a, b` share one Hessian `H`, but not their inputs. Ranges move the surface along its normal `n`, scan by scan
-//! and surfel by surfel. What the spline cannot follow moves it cell by cell, since that is the scale on which a spline errs,
-//! by `model_sigma` or by as much as the cell's surfels were missed, where noise alone does not explain that (the
-//! cluster-robust "sandwich" of Huber and White): `G_ab = sum over these inputs n_a n_b b b^T`. A pose moves everything its scan saw. With the
-//! stacked `K`, `W = H^-1 K` and the other letters of [`super::marginals`],
+//! The components `a, b` share one Hessian `H`, but not their inputs. Ranges move the surface along its normal `n`,
+//! scan by scan and surfel by surfel. What the spline cannot follow moves it cell by cell, since that is the scale on
+//! which a spline errs, by `model_sigma` or by as much as the cell's surfels were missed, where noise alone does not
+//! explain that (the cluster-robust "sandwich" of Huber and White): `G_ab = sum over these inputs n_a n_b b b^T`. A
+//! pose moves everything its scan saw. With the stacked `K`, `W = H^-1 K` and the other letters of
+//! [`super::marginals`],
 //!
 //! ```text
 //! fixed poses     posterior   2 H^-1 [a = b]
@@ -32,8 +33,8 @@ use crate::spline::{SUPPORT, dot, gather};
 /// Numbers that pose columns take at most at a time.
 const LARGEST_COLUMNS: usize = 2_000_000;
 
-/// One covariance of a vector field on the stencil, square metres. Entry (row, column) of `xy` is between the x coefficient
-/// of the row's control point and the y coefficient of the column's, for rows no lower than columns.
+/// One covariance of a vector field on the stencil, square metres. Entry (row, column) of `xy` is between the x
+/// coefficient of the row's control point and the y coefficient of the column's, for rows no lower than columns.
 #[derive(Debug, Clone)]
 pub struct VectorCovariance {
     pub xx: StencilMatrix,
@@ -116,8 +117,8 @@ fn inner_product(a: &[f64], b: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + a_tail.iter().zip(b_tail).map(|(a, b)| a * b).sum::<f64>()
 }
 
-/// An input that moves the surface in one cell along one direction: the mixed derivatives of the objective by it, in units of
-/// its standard deviation.
+/// An input that moves the surface in one cell along one direction: the mixed derivatives of the objective by it, in
+/// units of its standard deviation.
 struct SurfaceInput {
     direction: Vec2,
     support: [usize; SUPPORT],

@@ -252,7 +252,8 @@ async fn settle(workshop: &Workshop, id: &str, attempt: i64, error: &AttemptErro
         tracing::error!(job = %id, attempt, %error, "the attempt's end could not be stored; its lease will lapse");
     }
     let prefix = Artifacts::prefix(id, attempt);
-    // A finish whose answer was lost may have been committed: only what nobody owns is removed, the rest is swept later.
+    // A finish whose answer was lost may have been committed: only what nobody owns is removed, the rest is swept
+    // later.
     if let Ok(false) = records.owns_prefix(&prefix, id, attempt).await
         && let Err(error) = workshop.artifacts.remove(&prefix).await
     {

@@ -156,6 +156,11 @@ pub fn small(seed: u64) -> Value {
     request
 }
 
+/// An answer's array of numbers.
+pub fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+}
+
 /// `MAPFIT_DATA`, or a note that the test was skipped.
 pub fn shared_data(test: &str) -> Option<std::path::PathBuf> {
     let folder = std::env::var_os("MAPFIT_DATA");

@@ -1,18 +1,18 @@
 //! Which way the nearest surface lies: the characteristics along which distance grows.
 //!
-//! At a collocation point `x` with the nearest surface point `p`, the field is `x - p` and its direction `(x - p) / |x - p|`;
-//! close to a surface it is the surface's normal. Which of many noisy points is the nearest one is luck, and turns
-//! `x - p`; so the directions from all that are nearly as near are averaged. Where neighbouring points
-//! disagree about `p` by more than their own distance lies the cut locus: the field jumps there, no spline can follow, and no
-//! direction is given; nor is one inside a wall of which both faces were seen, where the field turns back. There `x - p` itself is
-//! a hint at what the field is, lest it be anything.
+//! At a collocation point `x` with the nearest surface point `p`, the field is `x - p` and its direction
+//! `(x - p) / |x - p|`; close to a surface it is the surface's normal. Which of many noisy points is the nearest one is
+//! luck, and turns `x - p`; so the directions from all that are nearly as near are averaged. Where neighbouring points disagree
+//! about `p` by more than their own distance lies the cut locus: the field jumps there, no spline can follow, and no
+//! direction is given; nor is one inside a wall of which both faces were seen, where the field turns back. There
+//! `x - p` itself is a hint at what the field is, lest it be anything.
 
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
-use super::surfels::{Surfel, Surfels, turned};
+use super::surfels::{Surfel, Surfels};
 use crate::fit::objective::gauss;
-use crate::geometry::Vec2;
+use crate::geometry::{Vec2, turned};
 use crate::spline::Lattice;
 
 /// Collocation points along a cell's side, in its local coordinates.
@@ -33,8 +33,8 @@ const SHORTEST: f64 = 0.05;
 /// distance, plus this many cells, have the cut locus between them.
 const JUMP: f64 = 1.5;
 const SLACK: f64 = 0.5;
-/// Between two faces of one wall, farther apart than the one and nearer than the other of these many cells, the field turns back: no
-/// direction holds there.
+/// Between two faces of one wall, farther apart than the one and nearer than the other of these many cells, the field
+/// turns back: no direction holds there.
 const THICK: [f64; 2] = [0.1, 2.0];
 /// Faces whose normals' cosine is below this are opposite ones.
 const OPPOSITE: f64 = -0.8;

@@ -1,8 +1,9 @@
 //! The fit of a vector distance function: two surfaces `V = (V_x, V_y)`, `V(x) = x - nearest surface point`.
 //!
-//! The published objective asks for `|grad |V|| = 1` and `V.V = 0` at returns. It does not change when `V` is turned, so its
-//! Hessian is singular, and at the wall, where `V` vanishes, its weights are unbounded. Ours asks for the vector form of
-//! the same law. Along a characteristic `n`, the line from the nearest surface point, `V` grows by its own direction:
+//! The published objective asks for `|grad |V|| = 1` and `V.V = 0` at returns. It does not change when `V` is turned,
+//! so its Hessian is singular, and at the wall, where `V` vanishes, its weights are unbounded. Ours asks for the vector
+//! form of the same law. Along a characteristic `n`, the line from the nearest surface point, `V` grows by its own
+//! direction:
 //!
 //! ```text
 //! f(V) = sum over surfels  W |V(a) + delta n|^2
@@ -34,23 +35,25 @@ pub use surfels::{Surfel, Surfels, Witness};
 
 use super::{
     Bordered, FitError, FitOptions, Minimum, Poses, Progress, Viewpoint, Weights, corrected, gauge, in_use,
-    information, viewpoints,
+    information, returns_inside, viewpoints,
 };
 use crate::geometry::{Pose, Vec2};
-use crate::scan::{Evidence, LaserScan, Noise, Return, returns_of};
+use crate::scan::{Evidence, LaserScan, Noise, Return};
 use crate::sparse::{Cholesky, SparseError, Stencil};
 use crate::spline::{Lattice, Surface};
 
 /// Control points are in use where evidence is at most this many cells away, unless the request has a band.
 const DEFAULT_BAND: f64 = 0.5;
-/// Where poses are refined, returns may move by so many of their standard deviations and stay on the map, up to so many cells.
+/// Where poses are refined, returns may move by so many of their standard deviations and stay on the map, up to so many
+/// cells.
 const BAND_SIGMAS: f64 = 2.0;
 const WIDEST_BAND: f64 = 5.0;
 /// Refining poses takes this many numbers at most (coefficients x pose unknowns).
 const LARGEST_BORDER: usize = 20_000_000;
-/// The Eikonal weight, as a share of what a signed distance takes, and the thin-plate weight. Together they say how stiff the field is. What
-/// is too stiff to turn inside a wall 0.15 m thick would rather move the poses of the scans on either side of it, and what is stiff where the
-/// field jumps pulls at everything beside the jump; too soft, and distances in the middle of rooms are loose.
+/// The Eikonal weight, as a share of what a signed distance takes, and the thin-plate weight. Together they say how
+/// stiff the field is. What is too stiff to turn inside a wall 0.15 m thick would rather move the poses of the scans on
+/// either side of it, and what is stiff where the field jumps pulls at everything beside the jump; too soft, and
+/// distances in the middle of rooms are loose.
 const EIKONAL_SHARE: f64 = 0.03;
 const SMOOTHING: f64 = 0.003;
 /// What a spline cannot follow of walls with jambs and ends, as a share of its spacing.
@@ -91,11 +94,7 @@ pub fn fit_vector(
     options: &FitOptions,
     observer: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
 ) -> Result<VectorFit, FitError> {
-    let mut returns: Vec<Return> =
-        returns_of(scans).into_iter().filter(|seen| lattice.locate(seen.point).is_some()).collect();
-    if returns.is_empty() {
-        return Err(FitError::NoEvidence);
-    }
+    let mut returns = returns_inside(scans, lattice)?;
     let refinable = 2 * lattice.len() * 3 * scans.len() <= LARGEST_BORDER;
     let weights = vector_weights(options, lattice, refinable, information(lattice, &returns, noise.sigma_range));
     let viewpoints = viewpoints_of(scans, noise, &weights)?;
@@ -235,6 +234,7 @@ fn put(returns: &mut [Return], scans: &[LaserScan], poses: &[Pose]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scan::returns_of;
     use crate::sim::{Lidar, World, simulate};
 
     /// A corridor along x, 2 m wide, seen from eight places. People are in the way of one scan each.

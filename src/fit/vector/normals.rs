@@ -1,7 +1,7 @@
 //! The direction of the surface at every return, from its neighbours in the scan.
 //!
-//! Three windows of neighbouring beams are tried, one to either side and one around the return; the straightest wins, so a
-//! corner does not round the normals beside it. Beams of one scan share their pose's error, which therefore turns
+//! Three windows of neighbouring beams are tried, one to either side and one around the return; the straightest wins,
+//! so a corner does not round the normals beside it. Beams of one scan share their pose's error, which therefore turns
 //! nothing by more than its heading.
 
 use crate::geometry::Vec2;

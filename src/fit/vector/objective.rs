@@ -26,8 +26,8 @@ pub struct VectorObjective {
 }
 
 impl VectorObjective {
-    /// Assembles the objective of the active cells. `e` are the pose unknowns for which the surfels were gathered; it is
-    /// empty where poses are fixed.
+    /// Assembles the objective of the active cells. `e` are the pose unknowns for which the surfels were gathered; it
+    /// is empty where poses are fixed.
     pub fn assemble(
         lattice: &Lattice,
         stencil: Arc<Stencil>,

@@ -6,10 +6,11 @@
 //!      + integral of                 lambda (thin-plate energy of V_x and of V_y), a little
 //! ```
 //!
-//! after Arukgoda et al., CASE 2019, `n` the surface's normal (the printed weight, through the gradient of `V.V`, is unbounded). It
-//! does not change when `V` is turned everywhere by one angle, so the Hessian of both components together is singular and no minimum can be
-//! certified. As published, the components are taken apart: Levenberg-Marquardt with Gauss-Newton's block of either, and
-//! the covariance of either block by itself. Kept for comparison; it ends farther from the truth than it starts.
+//! after Arukgoda et al., CASE 2019, `n` the surface's normal (the printed weight, through the gradient of `V.V`, is
+//! unbounded). It does not change when `V` is turned everywhere by one angle, so the Hessian of both components
+//! together is singular and no minimum can be certified. As published, the components are taken apart:
+//! Levenberg-Marquardt with Gauss-Newton's block of either, and the covariance of either block by itself. Kept for
+//! comparison; it ends farther from the truth than it starts.
 
 use std::ops::ControlFlow;
 
@@ -18,10 +19,11 @@ use crate::fit::objective::{gauss, thin_plate};
 use crate::fit::sightings::onto_one_to_two;
 use crate::fit::start::least_squares;
 use crate::fit::{
-    FitError, FitOptions, Minimum, Progress, Viewpoint, Weights, in_use, information, newton, viewpoints,
+    FitError, FitOptions, Minimum, Progress, Viewpoint, Weights, in_use, information, newton, returns_inside,
+    viewpoints,
 };
 use crate::geometry::Vec2;
-use crate::scan::{Evidence, LaserScan, Noise, Return, returns_of};
+use crate::scan::{Evidence, LaserScan, Noise, Return};
 use crate::sparse::{CellBlock, Cholesky, SparseError, Stencil, StencilMatrix};
 use crate::spline::{BasisRow, Lattice, SUPPORT, Surface, dot, gather};
 use rstar::RTree;
@@ -65,11 +67,7 @@ pub fn fit_published_vector(
     options: &FitOptions,
     observer: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
 ) -> Result<PublishedVectorFit, FitError> {
-    let returns: Vec<Return> =
-        returns_of(scans).into_iter().filter(|seen| lattice.locate(seen.point).is_some()).collect();
-    if returns.is_empty() {
-        return Err(FitError::NoEvidence);
-    }
+    let returns = returns_inside(scans, lattice)?;
     let mut weights =
         Weights::resolve(options, lattice.resolution, false, information(lattice, &returns, noise.sigma_range));
     weights.smoothing = options.smoothing.unwrap_or(SMOOTHING);
@@ -180,8 +178,8 @@ impl<'a> Published<'a> {
         [gather(&c[0], support), gather(&c[1], support)]
     }
 
-    /// `r = |g|^2 - 1` with `g_k = d_k V . V / m`, `m^2 = |V|^2 + shortest^2`, and its derivatives by the cell's coefficients of
-    /// either component: `dr/dV = 2 sum g_k (d_k V - g_k V / m) / m`, `dr/d(d_k V) = 2 g_k V / m`.
+    /// `r = |g|^2 - 1` with `g_k = d_k V . V / m`, `m^2 = |V|^2 + shortest^2`, and its derivatives by the cell's
+    /// coefficients of either component: `dr/dV = 2 sum g_k (d_k V - g_k V / m) / m`, `dr/d(d_k V) = 2 g_k V / m`.
     fn residual(&self, row: &BasisRow, local: &[[f64; SUPPORT]; 2]) -> (f64, [[f64; SUPPORT]; 2]) {
         let along = |basis: &[f64; SUPPORT]| Vec2::new(dot(basis, &local[0]), dot(basis, &local[1]));
         let (v, slopes) = (along(&row.value), [along(&row.dx), along(&row.dy)]);

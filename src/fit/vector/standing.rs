@@ -1,9 +1,9 @@
 //! What stands, and what only stood there for a while: people, doors, reflections in glass.
 //!
-//! A vector field explains a stray return by a small surface around it, and no robust loss on residuals objects. But beams
-//! of other scans passed through where a person was. A surfel stands where at least [`LEAST_STOPPED`] of the scans that
-//! looked at it squarely were stopped there; the others saw farther. Beams that only graze its surface are not asked:
-//! they run beside walls.
+//! A vector field explains a stray return by a small surface around it, and no robust loss on residuals objects. But
+//! beams of other scans passed through where a person was. A surfel stands where at least [`LEAST_STOPPED`] of the
+//! scans that looked at it squarely were stopped there; the others saw farther. Beams that only graze its surface are
+//! not asked: they run beside walls.
 
 use super::surfels::{Surfel, Surfels};
 use crate::geometry::{Bounds, Pose, wrap_angle};

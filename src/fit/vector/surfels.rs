@@ -1,9 +1,10 @@
-//! Returns gathered into surfels: short pieces of surface, each with a place, a normal and how far the returns lie off it.
+//! Returns gathered into surfels: short pieces of surface, each with a place, a normal and how far the returns lie off
+//! it.
 //!
-//! Asking a field to vanish at every scattered return flattens it (errors in variables), and costs a row a return. Here the
-//! returns of a small square that face one way become one row. Its anchor `a` and normal `n` are the neighbourhood's
-//! consensus, a weighted local line (Cleveland's LOESS across the surface), and its returns say where along `n` the
-//! surface lies:
+//! Asking a field to vanish at every scattered return flattens it (errors in variables), and costs a row a return. Here
+//! the returns of a small square that face one way become one row. Its anchor `a` and normal `n` are the
+//! neighbourhood's consensus, a weighted local line (Cleveland's LOESS across the surface), and its returns say where
+//! along `n` the surface lies:
 //!
 //! ```text
 //! delta = sum over scans w_s n.(mean of its returns - a) / W        W = sum of w_s
@@ -21,7 +22,7 @@ use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
 use super::super::sightings::Viewpoint;
-use crate::geometry::{Cov2, Vec2};
+use crate::geometry::{Cov2, Vec2, turned};
 use crate::scan::Return;
 
 /// Squares along a lattice cell's side in which returns are gathered.
@@ -89,11 +90,6 @@ pub struct Surfels {
     witnesses: Vec<Witness>,
 }
 
-/// The quarter turn of a vector, counter-clockwise.
-pub(super) fn turned(v: Vec2) -> Vec2 {
-    Vec2::new(-v.y, v.x)
-}
-
 /// The returns of one scan in one square: their sums.
 struct Group {
     scan: usize,
@@ -127,7 +123,8 @@ impl Surfels {
         surfels
     }
 
-    /// Drops the surfels without a mark, and gives the share of the returns that stay. Where there is no mark at all, all stay.
+    /// Drops the surfels without a mark, and gives the share of the returns that stay. Where there is no mark at all,
+    /// all stay.
     pub fn keep(&mut self, marks: &[bool]) -> f64 {
         if !marks.contains(&true) {
             return 1.0;
