@@ -1,9 +1,10 @@
 //! The calibration study: how often two sigma hold, over worlds, resolutions, noise and beams, by simulation.
 //!
-//! `scripts/calibration` runs this and draws `docs/calibration.md` from the table it prints (CSV, one line a case). Every
-//! replicate is a new draw of all noise; truth is exact. `--help` lists what can be chosen.
+//! `scripts/calibration` runs this and draws `docs/calibration.md` from the table it prints (CSV, one line a case).
+//! Every replicate is a new draw of all noise; truth is exact. `--help` lists what can be chosen.
 
 mod cases;
+mod grid;
 mod replicate;
 mod tally;
 
@@ -14,8 +15,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use clap::Parser;
 use mapfit::fit::{FitOptions, Poses, Weighting};
 
-use cases::Case;
-use replicate::{Replicate, Truth, replicate};
+use replicate::{Truth, replicate};
 use tally::{HEADER, Tally};
 
 #[derive(Parser)]
@@ -38,6 +38,9 @@ struct Choice {
     smoothing: Option<f64>,
     #[arg(long)]
     model_sigma: Option<f64>,
+    /// Instead of coverage: accuracy of the automatic weights and of a grid of hand-set ones.
+    #[arg(long)]
+    grid: bool,
     #[arg(long, env = "MAPFIT_DATA", default_value = "../shared/data")]
     data: std::path::PathBuf,
 }
@@ -55,19 +58,27 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let mut cases = cases::all(&choice.data)?;
     cases.retain(|case| choice.only.is_empty() || choice.only.iter().any(|part| case.name.contains(part.as_str())));
-    println!("{HEADER}");
+    println!("{}", if choice.grid { grid::HEADER } else { HEADER });
     for case in &cases {
-        let tally = study(case, &options, choice.replicates, choice.threads);
-        println!("{}", tally.line(case));
-        std::io::stdout().flush()?;
+        let truth = Truth::of(&case.scenario);
+        if choice.grid {
+            for options in grid::choices(&options) {
+                println!("{}", grid::line(case, &truth, &options, choice.replicates, choice.threads));
+                std::io::stdout().flush()?;
+            }
+        } else {
+            let draw = |seed| replicate(&case.scenario, &truth, &options, 1000 + seed);
+            let tally = Tally::of(&truth, in_parallel(choice.replicates, choice.threads, draw));
+            println!("{}", tally.line(case));
+            std::io::stdout().flush()?;
+        }
     }
     Ok(())
 }
 
-/// All replicates of a case, on a few threads; the tally does not depend on their order.
-fn study(case: &Case, options: &FitOptions, replicates: u64, threads: usize) -> Tally {
-    let truth = Truth::of(&case.scenario);
-    let (next, drawn) = (AtomicUsize::new(0), Mutex::new(Vec::<(u64, Replicate)>::new()));
+/// What `draw` gives for each of the first `replicates` seeds, in their order, on a few threads.
+fn in_parallel<T: Send>(replicates: u64, threads: usize, draw: impl Fn(u64) -> T + Sync) -> Vec<T> {
+    let (next, drawn) = (AtomicUsize::new(0), Mutex::new(Vec::<(u64, T)>::new()));
     std::thread::scope(|scope| {
         for _ in 0..threads {
             scope.spawn(|| {
@@ -76,7 +87,7 @@ fn study(case: &Case, options: &FitOptions, replicates: u64, threads: usize) -> 
                     if seed >= replicates {
                         break;
                     }
-                    let own = replicate(&case.scenario, &truth, options, 1000 + seed);
+                    let own = draw(seed);
                     drawn.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push((seed, own));
                 }
             });
@@ -84,5 +95,5 @@ fn study(case: &Case, options: &FitOptions, replicates: u64, threads: usize) -> 
     });
     let mut drawn = drawn.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
     drawn.sort_by_key(|(seed, _)| *seed);
-    Tally::of(&truth, drawn.into_iter().map(|(_, replicate)| replicate))
+    drawn.into_iter().map(|(_, own)| own).collect()
 }

@@ -28,8 +28,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    pub fn of(truth: &Truth, replicates: impl Iterator<Item = Replicate>) -> Self {
-        let all: Vec<Replicate> = replicates.collect();
+    pub fn of(truth: &Truth, all: Vec<Replicate>) -> Self {
         let boundary = |keep: &dyn Fn(usize) -> bool| covered(&all, keep, |r| &r.boundary);
         let n = all.len() as f64;
         let mut ratios = Vec::new();
@@ -118,12 +117,12 @@ fn share(held: impl Iterator<Item = bool>) -> f64 {
     yes / n
 }
 
-fn rms(values: impl Iterator<Item = f64>) -> f64 {
+pub fn rms(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, n) = values.fold((0.0, 0.0), |(sum, n), v| (sum + v * v, n + 1.0));
     (sum / n).sqrt()
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
+pub fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     if values.is_empty() { f64::NAN } else { 0.5 * (values[(values.len() - 1) / 2] + values[values.len() / 2]) }
 }

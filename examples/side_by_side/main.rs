@@ -1,4 +1,5 @@
-//! mapfit's side of the comparison with other solvers: `scripts/peers` runs it and the peers of `benches/peers` in turn.
+//! mapfit's side of the comparison with other solvers: `scripts/peers` runs it and the peers of `benches/peers` in
+//! turn.
 //!
 //! ```text
 //! side_by_side write L|office10k|office40k|office160k DIR    the problem, as raw little-endian arrays any language reads
@@ -6,9 +7,9 @@
 //! side_by_side grow SIDE                                     a calibrated fit with covariance: time, memory, steps
 //! ```
 //!
-//! The objective is the same for all: `rho h^2 / 4 sum (|grad u|^2 - 1)^2` at 2 x 2 Gauss points in every cell, with `rho` =
-//! 300 / m^2, and `sum w u^2` at the returns with weights `w = 1 / (g C g)` frozen at the start; the start is the signed
-//! nearest-return spline.
+//! The objective is the same for all: `rho h^2 / 4 sum (|grad u|^2 - 1)^2` at 2 x 2 Gauss points in every cell, with
+//! `rho` = 300 / m^2, and `sum w u^2` at the returns with weights `w = 1 / (g C g)` frozen at the start; the start is
+//! the signed nearest-return spline.
 
 use std::ops::ControlFlow;
 use std::path::Path;

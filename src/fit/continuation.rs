@@ -14,12 +14,11 @@
 //! A wide scale is nearly the squared loss, which closes doubled walls; it also lets ridges wander (the cut locus of a
 //! hall with pillars can end in another topology), so `s_1` and `F` are only as large as the noise asks for. This is
 //! graduated non-convexity (Blake and Zisserman 1987; Black and Rangarajan 1996) with the noise choosing where it
-//! begins.
+//! begins. A large Eikonal weight is a third of itself meanwhile: ridges then wander less long, for two thirds of the
+//! factorisations.
 
 use super::eikonal::EikonalLoss;
 use super::newton::StoppingRule;
-use super::sightings::Viewpoint;
-use crate::scan::Return;
 
 /// One stage's weights in terms of the final ones.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,6 +27,8 @@ pub struct Stage {
     pub refined: bool,
     /// The Geman-McClure scale.
     pub scale: f64,
+    /// What multiplies the Eikonal weight.
+    pub eikonal: f64,
     /// What multiplies the thin-plate weight.
     pub smoothing: f64,
     /// Steps at most.
@@ -41,25 +42,24 @@ const LOOSE: f64 = 1e-2;
 const SEVERE: f64 = 0.5;
 const WIDEST_SCALE: f64 = 4.0;
 const MOST_SMOOTHING: f64 = 100.0;
+/// The Eikonal weight of the stages, per square metre, and its least share of the final one.
+const SOFT: f64 = 1000.0;
+const SOFTEST: f64 = 1.0 / 3.0;
 
-/// How much graduation the returns' scatter asks for, in [0, 1]: the median standard deviation of a return, its pose's
-/// share included, over half a cell. The viewpoints' poses are as reported.
-pub fn severity(returns: &[Return], viewpoints: &[Viewpoint], resolution: f64) -> f64 {
-    let mut scatter: Vec<f64> = returns
-        .iter()
-        .map(|seen| viewpoints[seen.scan].noise.covariance(seen).symmetric_eigenvalues().max().max(0.0).sqrt())
-        .collect();
-    let middle = scatter.len() / 2;
-    let (_, median, _) = scatter.select_nth_unstable_by(middle, f64::total_cmp);
-    (*median / (SEVERE * resolution)).min(1.0)
+/// How much graduation the returns' scatter asks for, in [0, 1]: their standard deviation over half a cell.
+pub fn severity(scatter: f64, resolution: f64) -> f64 {
+    (scatter / (SEVERE * resolution)).min(1.0)
 }
 
-/// The stages before the final weights, whose scale is `scale`.
-pub fn stages(severity: f64, scale: f64) -> [Stage; 4] {
+/// The stages before the final weights: a Geman-McClure scale, and an Eikonal weight per square metre.
+pub fn stages(severity: f64, scale: f64, eikonal: f64) -> [Stage; 4] {
     let widest = (WIDEST_SCALE * severity).max(2.0 * scale);
     let smoothing = (MOST_SMOOTHING * severity.powi(4)).max(1.0);
-    let stage =
-        |refined, scale: f64, root: f64, steps| Stage { refined, scale, smoothing: smoothing.powf(root), steps };
+    let eikonal = (SOFT / eikonal).clamp(SOFTEST, 1.0);
+    let stage = |refined, scale: f64, root: f64, steps| {
+        let smoothing = smoothing.powf(root);
+        Stage { refined, scale, eikonal, smoothing, steps }
+    };
     [
         stage(false, widest, 1.0, 20),
         stage(true, widest, 1.0, 12),
@@ -70,7 +70,7 @@ pub fn stages(severity: f64, scale: f64) -> [Stage; 4] {
 
 impl Stage {
     pub fn loss(&self, last: EikonalLoss) -> EikonalLoss {
-        EikonalLoss { scale: Some(self.scale), ..last }
+        EikonalLoss { scale: Some(self.scale), weight: last.weight * self.eikonal }
     }
 
     /// `spent` steps are behind; `most` is what the whole fit may take, of which the stages leave the last half.

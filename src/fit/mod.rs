@@ -107,7 +107,8 @@ pub fn fit(
 ) -> Result<Fit, FitError> {
     let returns = returns_inside(scans, lattice)?;
     let refinable = lattice.len().saturating_mul(3 * scans.len()) <= LARGEST_BORDER;
-    let information = information(lattice, &returns, noise.sigma_range);
+    let scatter = scatter(&returns, &viewpoints(scans, noise, 0.0)?);
+    let information = information(lattice, &returns, scatter);
     let weights = Weights::resolve(options, lattice.resolution, refinable, information);
     let viewpoints = viewpoints(scans, noise, weights.model_sigma)?;
     let evidence = Evidence::gather(lattice, scans);
@@ -117,7 +118,7 @@ pub fn fit(
     };
     let mut cholesky = Cholesky::analyse(&stencil)?;
     let calibrated = options.weighting == Weighting::Calibrated;
-    let severity = if calibrated { continuation::severity(&returns, &viewpoints, lattice.resolution) } else { 0.0 };
+    let severity = if calibrated { continuation::severity(scatter, lattice.resolution) } else { 0.0 };
     let start = signed_nearest_return(lattice, &returns, &evidence, severity, &mut cholesky)?;
     let weighing = match options.weighting {
         Weighting::Paper => Weighing::Frozen(sightings::published_weights(&returns, &viewpoints, &start)),
@@ -173,7 +174,8 @@ impl Descent<'_> {
         unknowns.resize(self.objective.unknowns(), 0.0);
         let first_gradient = newton::largest(&self.objective.gradient(unknowns));
         let mut spent = Minimum::default();
-        let stages = loss.scale.filter(|_| calibrated).map(|scale| continuation::stages(severity, scale));
+        let stages =
+            loss.scale.filter(|_| calibrated).map(|scale| continuation::stages(severity, scale, self.weights.eikonal));
         for stage in stages.into_iter().flatten() {
             self.objective.reweigh(stage.loss(loss), smoothing * stage.smoothing, stage.refined && refined);
             unknowns.resize(self.objective.unknowns(), 0.0);
@@ -203,7 +205,17 @@ fn returns_inside(scans: &[LaserScan], lattice: &Lattice) -> Result<Vec<Return>,
     if returns.is_empty() { Err(FitError::NoEvidence) } else { Ok(returns) }
 }
 
-/// How many times over the returns' ranges determine a cell of wall: returns an occupied cell x (h / sigma)^2.
+/// The median standard deviation of a return, its pose's share included, metres. The viewpoints' poses are as reported.
+fn scatter(returns: &[Return], viewpoints: &[Viewpoint]) -> f64 {
+    let mut scatter: Vec<f64> = returns
+        .iter()
+        .map(|seen| viewpoints[seen.scan].noise.covariance(seen).symmetric_eigenvalues().max().max(0.0).sqrt())
+        .collect();
+    let middle = scatter.len() / 2;
+    *scatter.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// How many times over returns of such a sigma determine a cell of wall: returns an occupied cell x (h / sigma)^2.
 fn information(lattice: &Lattice, returns: &[Return], sigma: f64) -> f64 {
     let mut cells: Vec<usize> =
         returns.iter().filter_map(|seen| lattice.locate(seen.point)).map(|at| lattice.cell_index(at.cell)).collect();

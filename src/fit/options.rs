@@ -79,14 +79,17 @@ pub struct Weights {
     pub poses: Poses,
 }
 
-/// What `docs/calibration.md` settled on. The Eikonal and the thin-plate weight rise together with the square root of
-/// the returns' information: with few, noisy returns a stiff surface buys smooth ridges by moving walls; with many, a
-/// soft one lets them bend the map inside.
-const CALIBRATED_EIKONAL: f64 = 1000.0;
+/// What `docs/calibration.md` settled on for experiment 1, by a grid search: `rho_e` per square metre, the robust scale, the
+/// thin-plate weight. Both weights rise with the square root of the returns' information: with few, noisy returns a stiff
+/// surface buys smooth ridges by moving walls; with many, a soft one lets them bend the map inside.
+const CALIBRATED_EIKONAL: f64 = 3000.0;
 const CALIBRATED_SCALE: f64 = 0.2;
 const CALIBRATED_SMOOTHING: f64 = 1.0;
-const PLAIN_INFORMATION: f64 = 250.0;
-const MOST_TRUST: f64 = 4.0;
+/// Experiment 1's spacing, metres, and its returns' information: how many times over they determine a cell of wall.
+const PLAIN_SPACING: f64 = 0.2;
+const PLAIN_INFORMATION: f64 = 175.0;
+const LEAST_TRUST: f64 = 1.0 / 3.0;
+pub(super) const MOST_TRUST: f64 = 4.0;
 /// What a spline cannot follow, as a share of its spacing: 5 mm at h = 0.2 m.
 const MODEL_SIGMA_SHARE: f64 = 0.025;
 /// The published weight, per quadrature point.
@@ -96,7 +99,9 @@ impl Weights {
     /// The weights for a lattice of the given resolution. `refinable` says whether refining the poses is affordable;
     /// `information` is how many times over the returns determine a cell of wall: returns a cell x (h / sigma)^2.
     pub fn resolve(options: &FitOptions, resolution: f64, refinable: bool, information: f64) -> Self {
-        let trust = (information / PLAIN_INFORMATION).sqrt().clamp(1.0, MOST_TRUST);
+        // Information per unit of length^4, whose root has the unit of `rho_e`; the thin plate's share has a cell's size.
+        let cells = resolution / PLAIN_SPACING;
+        let trust = ((information / PLAIN_INFORMATION).sqrt() / cells.powi(2)).clamp(LEAST_TRUST, MOST_TRUST);
         match options.weighting {
             Weighting::Paper => Self {
                 eikonal: options.eikonal_weight.unwrap_or(PAPER_EIKONAL),
@@ -111,7 +116,7 @@ impl Weights {
                 eikonal: options.eikonal_weight.unwrap_or(CALIBRATED_EIKONAL * trust),
                 eikonal_unit: "per m^2".into(),
                 eikonal_scale: Some(options.eikonal_scale.unwrap_or(CALIBRATED_SCALE)),
-                smoothing: options.smoothing.unwrap_or(CALIBRATED_SMOOTHING * trust),
+                smoothing: options.smoothing.unwrap_or(CALIBRATED_SMOOTHING * trust.max(1.0) * cells.powi(2)),
                 observation: "sampson".into(),
                 model_sigma: options.model_sigma.unwrap_or(MODEL_SIGMA_SHARE * resolution),
                 poses: match options.poses {

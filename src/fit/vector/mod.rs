@@ -33,6 +33,7 @@ pub use objective::VectorObjective;
 pub use published::{PublishedVectorFit, fit_published_vector};
 pub use surfels::{Surfel, Surfels, Witness};
 
+use super::options::MOST_TRUST;
 use super::{
     Bordered, FitError, FitOptions, Minimum, Poses, Progress, Viewpoint, Weights, corrected, gauge, in_use,
     information, returns_inside, viewpoints,
@@ -50,11 +51,12 @@ const BAND_SIGMAS: f64 = 2.0;
 const WIDEST_BAND: f64 = 5.0;
 /// Refining poses takes this many numbers at most (coefficients x pose unknowns).
 const LARGEST_BORDER: usize = 20_000_000;
-/// The Eikonal weight, as a share of what a signed distance takes, and the thin-plate weight. Together they say how
+/// The Eikonal weight, per square metre for returns like experiment 1's, and the thin-plate weight. Together they say how
 /// stiff the field is. What is too stiff to turn inside a wall 0.15 m thick would rather move the poses of the scans on
 /// either side of it, and what is stiff where the field jumps pulls at everything beside the jump; too soft, and
 /// distances in the middle of rooms are loose.
-const EIKONAL_SHARE: f64 = 0.03;
+const EIKONAL: f64 = 30.0;
+const PLAIN_INFORMATION: f64 = 250.0;
 const SMOOTHING: f64 = 0.003;
 /// What a spline cannot follow of walls with jambs and ends, as a share of its spacing.
 const MODEL_SIGMA_SHARE: f64 = 0.05;
@@ -198,9 +200,10 @@ impl Place<'_> {
 
 fn vector_weights(options: &FitOptions, lattice: &Lattice, refinable: bool, information: f64) -> Weights {
     let mut weights = Weights::resolve(options, lattice.resolution, refinable, information);
+    let trust = (information / PLAIN_INFORMATION).sqrt().clamp(1.0, MOST_TRUST);
     weights.observation = "surfels".into();
     weights.eikonal_scale = None;
-    weights.eikonal = options.eikonal_weight.unwrap_or(EIKONAL_SHARE * weights.eikonal);
+    weights.eikonal = options.eikonal_weight.unwrap_or(EIKONAL * trust);
     weights.smoothing = options.smoothing.unwrap_or(SMOOTHING);
     weights.model_sigma = options.model_sigma.unwrap_or(MODEL_SIGMA_SHARE * lattice.resolution);
     weights
