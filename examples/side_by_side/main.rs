@@ -16,8 +16,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use mapfit::fit::{
-    Bordered, EikonalLoss, FitOptions, Minimum, Newton, Objective, Sightings, StoppingRule, Viewpoint, Weighing, fit,
-    signed_nearest_return,
+    Bordered, Curvature, EikonalLoss, FitOptions, Minimum, Newton, Objective, Sightings, StoppingRule, Viewpoint,
+    Weighing, fit, signed_nearest_return,
 };
 use mapfit::geometry::psd_square_root;
 use mapfit::map::FittedMap;
@@ -111,7 +111,14 @@ fn write(problem: &Problem, folder: &Path) -> Result<(), Failure> {
 
 fn solve(mut problem: Problem) -> Result<(), Failure> {
     let mut unknowns = problem.start.clone();
-    let rule = StoppingRule { max_iterations: 200, tolerance: 1e-8, first_gradient: None, certify: true, chords: 1 };
+    let rule = StoppingRule {
+        max_iterations: 200,
+        tolerance: 1e-8,
+        first_gradient: None,
+        certify: true,
+        chords: 1,
+        curvature: Curvature::Exact,
+    };
     println!("seconds,cost,relative_gradient");
     let begun = Instant::now();
     let mut newton = Newton::new(&problem.objective, &mut problem.cholesky, Minimum::default());

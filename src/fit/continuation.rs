@@ -16,8 +16,14 @@
 //! graduated non-convexity (Blake and Zisserman 1987; Black and Rangarajan 1996) with the noise choosing where it
 //! begins. A large Eikonal weight is a third of itself meanwhile: ridges then wander less long, for two thirds of the
 //! factorisations.
+//!
+//! The stages' steps take the Hessian's convex stand-in, point by point (for a robust loss: reweighting). The exact one
+//! is indefinite wherever ridges still move, and the damping that the worst of these places asks for holds up the whole
+//! building: an office of 41,616 control points comes farther in 42 such steps, of one factorisation each, than in 100
+//! exact ones of 157.
 
 use super::eikonal::EikonalLoss;
+use super::loss::Curvature;
 use super::newton::StoppingRule;
 
 /// One stage's weights in terms of the final ones.
@@ -76,6 +82,13 @@ impl Stage {
     /// `spent` steps are behind; `most` is what the whole fit may take, of which the stages leave the last half.
     pub fn rule(&self, spent: usize, most: usize) -> StoppingRule {
         let last = (spent + self.steps).min(most / 2).max(spent);
-        StoppingRule { max_iterations: last, tolerance: LOOSE, first_gradient: None, certify: false, chords: 0 }
+        StoppingRule {
+            max_iterations: last,
+            tolerance: LOOSE,
+            first_gradient: None,
+            certify: false,
+            chords: 0,
+            curvature: Curvature::Convex,
+        }
     }
 }

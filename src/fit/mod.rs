@@ -191,6 +191,7 @@ impl Descent<'_> {
             first_gradient: Some(first_gradient),
             certify: true,
             chords: if calibrated { 0 } else { CHORDS },
+            curvature: Curvature::Exact,
         };
         let mut newton = Newton::new(self.objective, self.cholesky, spent);
         let minimum = newton.minimise(unknowns, &rule, observer)?;

@@ -30,6 +30,8 @@ pub struct StoppingRule {
     pub certify: bool,
     /// How many further steps one factorisation may serve.
     pub chords: usize,
+    /// Which Hessian the steps take.
+    pub curvature: Curvature,
 }
 
 /// How a minimisation ended.
@@ -49,6 +51,8 @@ pub struct Minimum {
 const NO_DAMPING: f64 = 1e-7;
 /// The damping a fit starts with: enough for the squared Eikonal loss to be convex.
 const FIRST_DAMPING: f64 = 1.0;
+/// Where the convex stand-in takes the steps, damping only keeps them within reason.
+const CONVEX_DAMPING: f64 = 1e-4;
 /// Damping from which the convex stand-in is used instead.
 const CONVEX_FROM: f64 = 1e3;
 /// By how much damping rises where the matrix is indefinite, falls after a good step, and by how much the memory of
@@ -83,7 +87,7 @@ impl<'a> Newton<'a> {
     pub fn new(objective: &'a Objective, cholesky: &'a mut Cholesky, spent: Minimum) -> Self {
         Self {
             damper: objective.damping(),
-            damping: FIRST_DAMPING,
+            damping: 0.0,
             refused: 0.0,
             minimum: spent,
             system: objective.system(),
@@ -92,15 +96,19 @@ impl<'a> Newton<'a> {
         }
     }
 
-    /// Minimises from `unknowns`, which hold the result. `self.system` then is the exact one there, and the Cholesky
-    /// factor that of its Hessian where [`Minimum::positive_definite`].
+    /// Minimises from `unknowns`, which hold the result. `self.system` then is the one there, with the rule's
+    /// curvature, and the Cholesky factor that of its Hessian where [`Minimum::positive_definite`].
     pub fn minimise(
         &mut self,
         unknowns: &mut [f64],
         rule: &StoppingRule,
         observer: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
     ) -> Result<Minimum, FitError> {
-        self.minimum.objective = self.objective.assemble(unknowns, Curvature::Exact, &mut self.system);
+        self.damping = match rule.curvature {
+            Curvature::Exact => FIRST_DAMPING,
+            Curvature::Convex => CONVEX_DAMPING,
+        };
+        self.minimum.objective = self.objective.assemble(unknowns, rule.curvature, &mut self.system);
         let first = rule.first_gradient.unwrap_or_else(|| largest(&self.system.gradient));
         if !(self.minimum.objective.is_finite() && first.is_finite()) {
             return Err(FitError::NotFinite);
@@ -130,11 +138,11 @@ impl<'a> Newton<'a> {
                 }
                 self.damping = self.damping.max(FIRST_DAMPING);
             }
-            self.step(unknowns, rule.chords)?;
+            self.step(unknowns, rule)?;
         }
     }
 
-    fn step(&mut self, unknowns: &mut [f64], chords: usize) -> Result<(), FitError> {
+    fn step(&mut self, unknowns: &mut [f64], rule: &StoppingRule) -> Result<(), FitError> {
         self.minimum.iterations += 1;
         let factor = self.factorise_damped(unknowns)?;
         let downhill: Vec<f64> = self.system.gradient.iter().map(|g| -g).collect();
@@ -146,7 +154,7 @@ impl<'a> Newton<'a> {
             *x += length * s;
         }
         if length == 1.0 {
-            self.chords(unknowns, &factor, chords, slope);
+            self.chords(unknowns, &factor, rule.chords, slope);
         }
         self.damping = match (length, kept) {
             (0.0, _) => (self.damping * 16.0).max(1e-3),
@@ -159,7 +167,7 @@ impl<'a> Newton<'a> {
         if self.damping < NO_DAMPING {
             self.damping = 0.0;
         }
-        self.minimum.objective = self.objective.assemble(unknowns, Curvature::Exact, &mut self.system);
+        self.minimum.objective = self.objective.assemble(unknowns, rule.curvature, &mut self.system);
         if self.minimum.objective.is_finite() { Ok(()) } else { Err(FitError::NotFinite) }
     }
 

@@ -79,9 +79,9 @@ pub struct Weights {
     pub poses: Poses,
 }
 
-/// What `docs/calibration.md` settled on for experiment 1, by a grid search: `rho_e` per square metre, the robust scale, the
-/// thin-plate weight. Both weights rise with the square root of the returns' information: with few, noisy returns a stiff
-/// surface buys smooth ridges by moving walls; with many, a soft one lets them bend the map inside.
+/// What `docs/calibration.md` settled on for experiment 1, by a grid search: `rho_e` per square metre, the robust
+/// scale, the thin-plate weight. Both weights rise with the square root of the returns' information: with few, noisy
+/// returns a stiff surface buys smooth ridges by moving walls; with many, a soft one lets them bend the map inside.
 const CALIBRATED_EIKONAL: f64 = 3000.0;
 const CALIBRATED_SCALE: f64 = 0.2;
 const CALIBRATED_SMOOTHING: f64 = 1.0;
@@ -99,7 +99,8 @@ impl Weights {
     /// The weights for a lattice of the given resolution. `refinable` says whether refining the poses is affordable;
     /// `information` is how many times over the returns determine a cell of wall: returns a cell x (h / sigma)^2.
     pub fn resolve(options: &FitOptions, resolution: f64, refinable: bool, information: f64) -> Self {
-        // Information per unit of length^4, whose root has the unit of `rho_e`; the thin plate's share has a cell's size.
+        // Information per unit of length^4, whose root has the unit of `rho_e`; the thin plate's share has a cell's
+        // size.
         let cells = resolution / PLAIN_SPACING;
         let trust = ((information / PLAIN_INFORMATION).sqrt() / cells.powi(2)).clamp(LEAST_TRUST, MOST_TRUST);
         match options.weighting {

@@ -1,9 +1,9 @@
 //! Occupancy grid maps: the probability that a surface passes within half a cell of a cell's centre.
 //!
 //! With mean `u` and standard deviation `s` of the distance at the centre, and cells of side `r`,
-//! `P = Phi((r/2 - u)/s) - Phi((-r/2 - u)/s)`. A cell is known where a beam passed, or where a surface was met in it and the distance agrees
-//! that it may be there; what lies behind a wall stays unknown. A vector field also vanishes where it jumps, half-way
-//! between two surfaces: there its divergence tells that nothing stands.
+//! `P = Phi((r/2 - u)/s) - Phi((-r/2 - u)/s)`. A cell is known where a beam passed, or where a surface was met in it
+//! and the distance agrees that it may be there; what lies behind a wall stays unknown. A vector field also vanishes
+//! where it jumps, half-way between two surfaces: there its divergence tells that nothing stands.
 
 use crate::geometry::Vec2;
 use crate::map::FittedMap;

@@ -6,7 +6,9 @@ use faer::Mat;
 use faer::linalg::solvers::DenseSolveCore;
 
 use super::*;
-use crate::fit::{Fit, FitOptions, Minimum, Newton, Poses, StoppingRule, VectorFit, Weighting, fit, fit_vector, gauge};
+use crate::fit::{
+    Curvature, Fit, FitOptions, Minimum, Newton, Poses, StoppingRule, VectorFit, Weighting, fit, fit_vector, gauge,
+};
 use crate::scan::LaserScan;
 use crate::sim::Scenario;
 use crate::sparse::StencilMatrix;
@@ -230,7 +232,14 @@ fn a_changed_input_moves_the_minimum_as_predicted() {
 fn refitted(scans: &[LaserScan], changed: &[LaserScan], options: &FitOptions) -> Vec<f64> {
     let mut fit = fitted(scans, options);
     fit.objective.sightings = fitted(changed, options).objective.sightings;
-    let rule = StoppingRule { max_iterations: 50, tolerance: 1e-9, first_gradient: None, certify: true, chords: 0 };
+    let rule = StoppingRule {
+        max_iterations: 50,
+        tolerance: 1e-9,
+        first_gradient: None,
+        certify: true,
+        chords: 0,
+        curvature: Curvature::Exact,
+    };
     let mut unknowns = fit.unknowns;
     Newton::new(&fit.objective, &mut fit.cholesky, Minimum::default())
         .minimise(&mut unknowns, &rule, &mut |_| ControlFlow::Continue(()))

@@ -2,9 +2,9 @@
 //!
 //! At a collocation point `x` with the nearest surface point `p`, the field is `x - p` and its direction
 //! `(x - p) / |x - p|`; close to a surface it is the surface's normal. Which of many noisy points is the nearest one is
-//! luck, and turns `x - p`; so the directions from all that are nearly as near are averaged. Where neighbouring points disagree
-//! about `p` by more than their own distance lies the cut locus: the field jumps there, no spline can follow, and no
-//! direction is given; nor is one inside a wall of which both faces were seen, where the field turns back. There
+//! luck, and turns `x - p`; so the directions from all that are nearly as near are averaged. Where neighbouring points
+//! disagree about `p` by more than their own distance lies the cut locus: the field jumps there, no spline can follow,
+//! and no direction is given; nor is one inside a wall of which both faces were seen, where the field turns back. There
 //! `x - p` itself is a hint at what the field is, lest it be anything.
 
 use rstar::RTree;

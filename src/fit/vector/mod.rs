@@ -51,10 +51,10 @@ const BAND_SIGMAS: f64 = 2.0;
 const WIDEST_BAND: f64 = 5.0;
 /// Refining poses takes this many numbers at most (coefficients x pose unknowns).
 const LARGEST_BORDER: usize = 20_000_000;
-/// The Eikonal weight, per square metre for returns like experiment 1's, and the thin-plate weight. Together they say how
-/// stiff the field is. What is too stiff to turn inside a wall 0.15 m thick would rather move the poses of the scans on
-/// either side of it, and what is stiff where the field jumps pulls at everything beside the jump; too soft, and
-/// distances in the middle of rooms are loose.
+/// The Eikonal weight, per square metre for returns like experiment 1's, and the thin-plate weight. Together they say
+/// how stiff the field is. What is too stiff to turn inside a wall 0.15 m thick would rather move the poses of the
+/// scans on either side of it, and what is stiff where the field jumps pulls at everything beside the jump; too soft,
+/// and distances in the middle of rooms are loose.
 const EIKONAL: f64 = 30.0;
 const PLAIN_INFORMATION: f64 = 250.0;
 const SMOOTHING: f64 = 0.003;
