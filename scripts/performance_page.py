@@ -16,6 +16,7 @@ import matplotlib.pyplot as plt
 FOLDER = os.path.join(os.path.dirname(__file__), "..", "docs", "performance")
 NAMES = {"mapfit": "mapfit", "ceres": "Ceres 2.1", "trf": "SciPy trf, LSMR", "splu": "LM on scipy's splu"}
 WORLDS = {"L": "L-room, 2,401", "office10k": "office, 10,816", "office40k": "office, 41,616"}
+LARGEST = {"office160k": "office, 163,216"}
 
 
 def trace(file):
@@ -77,14 +78,17 @@ def race():
 
 def marginals():
     lines = ["| lattice | factorisation | posterior marginals | both kinds | in factorisations |", "| --- | --- | --- | --- | --- |"]
-    for world, label in WORLDS.items():
-        files = sorted(glob.glob(f"{FOLDER}/{world}.mapfit.*.csv"))
+    for world, label in (WORLDS | LARGEST).items():
+        files = sorted(glob.glob(f"{FOLDER}/{world}.ma*.csv"))
         words = [c.split() for file in files for c in trace(file)[1] if c.startswith("marginals")]
         if words:
             factor, posterior, both = (statistics.median(float(w[k]) for w in words) for k in (2, 4, 6))
             lines.append(f"| {label} | {1e3 * factor:.1f} ms | {1e3 * posterior:.1f} ms | {1e3 * both:.1f} ms | {posterior / factor:.1f} and {both / factor:.1f} |")
-    for file in glob.glob(f"{FOLDER}/*.covariance.csv"):
-        lines.append(f"\nCeres's Covariance (SPARSE_QR, the diagonal alone) on the L-room: {open(file).read().split()[2]} s.")
+    lines.append("\nCeres's Covariance (SPARSE_QR, the diagonal alone), on one core:\n")
+    for world, label in WORLDS.items():
+        for file in glob.glob(f"{FOLDER}/{world}.covariance.csv"):
+            words = open(file).read().split()[2:]
+            lines.append(f"- {label}: " + (f"{float(words[0]):.1f} s" if words[-1] == "ok" else " ".join(words)))
     return "\n".join(lines)
 
 

@@ -4,6 +4,7 @@
 //! ```text
 //! side_by_side write L|office10k|office40k|office160k DIR    the problem, as raw little-endian arrays any language reads
 //! side_by_side solve L|office10k|...                         seconds and cost at every step, as CSV, then the marginals' time
+//! side_by_side marginals L|office10k|...                     the marginals' time alone
 //! side_by_side grow SIDE                                     a calibrated fit with covariance: time, memory, steps
 //! ```
 //!
@@ -16,8 +17,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use mapfit::fit::{
-    Bordered, Curvature, EikonalLoss, FitOptions, Minimum, Newton, Objective, Sightings, StoppingRule, Viewpoint,
-    Weighing, fit, signed_nearest_return,
+    Bordered, Curvature, EikonalLoss, FitOptions, Minimum, Newton, Objective, Sightings, StoppingRule, System,
+    Viewpoint, Weighing, fit, signed_nearest_return,
 };
 use mapfit::geometry::psd_square_root;
 use mapfit::map::FittedMap;
@@ -35,8 +36,9 @@ fn main() -> Result<(), Failure> {
     match words.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["write", world, folder] => write(&Problem::of(world)?, Path::new(folder)),
         ["solve", world] => solve(Problem::of(world)?),
+        ["marginals", world] => at_the_start(Problem::of(world)?),
         ["grow", side] => grow(side.parse()?),
-        _ => Err("write WORLD DIR | solve WORLD | grow SIDE".into()),
+        _ => Err("write WORLD DIR | solve WORLD | marginals WORLD | grow SIDE".into()),
     }
 }
 
@@ -133,6 +135,11 @@ fn solve(mut problem: Problem) -> Result<(), Failure> {
         inside(&problem, &problem.start),
         inside(&problem, &unknowns)
     );
+    marginals(&system, &mut problem.cholesky)
+}
+
+/// The marginals' time over a factorisation's, the best of three each, for the system at hand.
+fn marginals(system: &System, cholesky: &mut Cholesky) -> Result<(), Failure> {
     let timed = |work: &mut dyn FnMut() -> Result<(), Failure>| -> Result<f64, Failure> {
         let mut best = f64::INFINITY;
         for _ in 0..3 {
@@ -142,13 +149,19 @@ fn solve(mut problem: Problem) -> Result<(), Failure> {
         }
         Ok(best)
     };
-    Bordered::factorise(&system, &mut problem.cholesky)?;
-    let cholesky = &mut problem.cholesky;
+    Bordered::factorise(system, cholesky)?;
     let factorisation = timed(&mut || Ok(cholesky.factorise(&system.hessian)?))?;
     let posterior = timed(&mut || selected_inverse(cholesky).map(|_| ()).map_err(Into::into))?;
     let both = timed(&mut || selected_sandwich(cholesky, &system.hessian).map(|_| ()).map_err(Into::into))?;
     println!("# marginals: factorisation {factorisation:.6} posterior {posterior:.6} both {both:.6}");
     Ok(())
+}
+
+/// The marginals where the fit starts, with the convex stand-in: their time depends on the pattern alone.
+fn at_the_start(mut problem: Problem) -> Result<(), Failure> {
+    let mut system = problem.objective.system();
+    problem.objective.assemble(&problem.start, Curvature::Convex, &mut system);
+    marginals(&system, &mut problem.cholesky)
 }
 
 /// The distance's error in free space, root mean square.
