@@ -46,7 +46,7 @@ fn a_signed_map_with_a_band_pays_for_what_was_seen_and_says_the_same_there() {
     let [distance, sigma] = largest_changes(&map, &whole);
     println!("{active} of {all} control points; distance changes by {distance:.5} m at most, sigma by {sigma:.4}");
     assert!(active * 2 < all && whole.report.active_control_points.is_none());
-    assert!(distance < 1e-3 && sigma < 0.03);
+    assert!(distance < 1e-3 && sigma < 0.05);
 
     let nobody_was_here = Vec2::new(11.0, 11.0);
     assert!(
