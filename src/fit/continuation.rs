@@ -67,10 +67,10 @@ pub fn stages(severity: f64, scale: f64, eikonal: f64) -> [Stage; 4] {
         Stage { refined, scale, eikonal, smoothing, steps }
     };
     [
-        stage(false, widest, 1.0, 20),
-        stage(true, widest, 1.0, 12),
-        stage(true, (widest / 4.0).max(2.0 * scale), 0.5, 12),
-        stage(true, 2.0 * scale, 0.25, 12),
+        stage(false, widest, 1.0, 8),
+        stage(true, widest, 1.0, 6),
+        stage(true, (widest / 4.0).max(2.0 * scale), 0.5, 6),
+        stage(true, 2.0 * scale, 0.25, 6),
     ]
 }
 
