@@ -85,6 +85,10 @@ mod tests {
         fn derivatives_agree_with_central_differences(x in -0.9..0.9f64, y in 0.1..1.9f64) {
             let (surface, e) = (wavy(), 1e-5);
             let jet = surface.jet(Vec2::new(x, y)).unwrap();
+            let at_point = surface.lattice.locate(Vec2::new(x, y)).unwrap();
+            // Second derivatives have a kink at a knot, so a difference across one says nothing.
+            let knots = 2.0 * e / surface.lattice.resolution;
+            prop_assume!(at_point.local.iter().all(|t| (knots..1.0 - knots).contains(t)));
             let at = |dx: f64, dy: f64| surface.jet(Vec2::new(x + dx, y + dy)).unwrap();
             let gx = (at(e, 0.0).value - at(-e, 0.0).value) / (2.0 * e);
             let gy = (at(0.0, e).value - at(0.0, -e).value) / (2.0 * e);
@@ -93,7 +97,6 @@ mod tests {
             let hy = (at(0.0, e).gradient - at(0.0, -e).gradient) / (2.0 * e);
             prop_assert!((hx - jet.hessian.column(0)).norm() < 1e-4);
             prop_assert!((hy - jet.hessian.column(1)).norm() < 1e-4);
-            let at_point = surface.lattice.locate(Vec2::new(x, y)).unwrap();
             let nudged = |t: f64| {
                 let local = [at_point.local[0] + t, at_point.local[1]];
                 surface.jet_at(&Located { cell: at_point.cell, local }).hessian
