@@ -7,6 +7,9 @@
 //! a rejected step would need. Gauss-Newton would converge linearly here, because the Eikonal residuals at the cut
 //! locus stay large; the exact Hessian is as sparse and makes the end quadratic.
 //!
+//! [`super::continuation`]'s stages, which are a way and not an end, take the stand-in at every step
+//! ([`StoppingRule::curvature`]): then nothing is indefinite, and damping only keeps steps within reason.
+//!
 //! At the end the undamped exact Hessian is factorised once more: positive definite there, together with a vanishing
 //! gradient, is the certificate of a minimum.
 
