@@ -19,7 +19,7 @@ fn main() {
     let mut fit = fit(&scans, &scenario.noise, &lattice, &options, &mut |_| ControlFlow::Continue(())).unwrap();
     let mut system = fit.objective.system();
     let assembly = median(|| {
-        black_box(fit.objective.assemble(&fit.unknowns, Curvature::Convex, &mut system));
+        black_box(fit.objective.assemble(&fit.unknowns, Curvature::CONVEX, &mut system));
     });
     let diagonal = system.hessian.diagonal().iter().sum::<f64>() / lattice.len() as f64;
     system.hessian.shift_diagonal(|_| 1e-6 * diagonal);

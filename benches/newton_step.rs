@@ -28,10 +28,10 @@ fn step(c: &mut Criterion) {
     let negative: Vec<f64> = fit.system.gradient.iter().map(|g| -g).collect();
     c.bench_function("factorisation", |b| b.iter(|| cholesky.factorise(black_box(&fit.system.hessian)).unwrap()));
     c.bench_function("assembly", |b| {
-        b.iter(|| fit.objective.assemble(black_box(&fit.unknowns), Curvature::Exact, &mut system))
+        b.iter(|| fit.objective.assemble(black_box(&fit.unknowns), Curvature::EXACT, &mut system))
     });
     let whole = |cholesky: &mut Cholesky, system: &mut mapfit::fit::System| {
-        fit.objective.assemble(&fit.unknowns, Curvature::Exact, system);
+        fit.objective.assemble(&fit.unknowns, Curvature::EXACT, system);
         let border = Bordered::factorise(system, cholesky).unwrap();
         border.solve_checked(system, cholesky, &negative).unwrap()
     };

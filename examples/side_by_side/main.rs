@@ -17,7 +17,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use mapfit::fit::{
-    Bordered, Curvature, EikonalLoss, FitOptions, Minimum, Newton, Objective, Sightings, StoppingRule, System,
+    Bordered, Curvature, EikonalLoss, FitOptions, Law, Minimum, Newton, Objective, Sightings, StoppingRule, System,
     Viewpoint, Weighing, fit, signed_nearest_return,
 };
 use mapfit::geometry::psd_square_root;
@@ -119,7 +119,7 @@ fn solve(mut problem: Problem) -> Result<(), Failure> {
         first_gradient: None,
         certify: true,
         chords: 1,
-        curvature: Curvature::Exact,
+        law: Law::Slopes,
     };
     println!("seconds,cost,relative_gradient");
     let begun = Instant::now();
@@ -160,7 +160,7 @@ fn marginals(system: &System, cholesky: &mut Cholesky) -> Result<(), Failure> {
 /// The marginals where the fit starts, with the convex stand-in: their time depends on the pattern alone.
 fn at_the_start(mut problem: Problem) -> Result<(), Failure> {
     let mut system = problem.objective.system();
-    problem.objective.assemble(&problem.start, Curvature::Convex, &mut system);
+    problem.objective.assemble(&problem.start, Curvature::CONVEX, &mut system);
     marginals(&system, &mut problem.cholesky)
 }
 

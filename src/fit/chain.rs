@@ -59,7 +59,7 @@ pub fn by_inputs(
         SVector::<f64, 5>::new(surface.gradient.dot(&moves[a]), bent.x, bent.y, direct(2), direct(3))
     });
     let (f_u, f_g) = (jet.gradient[0], Vec2::new(jet.gradient[1], jet.gradient[2]));
-    let exact = curvature == Curvature::Exact;
+    let exact = curvature.exact_share();
     let mixed = std::array::from_fn(|a| {
         let (phi, m) = (jet.hessian * xi[a], moves[a]);
         std::array::from_fn(|k| {
@@ -67,7 +67,7 @@ pub fn by_inputs(
             let moved = f_u * (row.dx[k] * m.x + row.dy[k] * m.y)
                 + f_g.x * (row.dxx[k] * m.x + row.dxy[k] * m.y)
                 + f_g.y * (row.dxy[k] * m.x + row.dyy[k] * m.y);
-            if exact { direct + moved } else { direct }
+            direct + exact * moved
         })
     });
     // The Hessian of u, g_x and g_y by place, weighed by the loss's gradient.
@@ -81,7 +81,7 @@ pub fn by_inputs(
             (2, 3) => turned(d),
             _ => Vec2::zeros(),
         };
-        if exact { direct + moves[a].dot(&(bend * moves[b])) + pull.dot(&curve) } else { direct }
+        direct + exact * (moves[a].dot(&(bend * moves[b])) + pull.dot(&curve))
     });
     InputJet { gradient: Vector4::from_fn(|a, _| jet.gradient.dot(&xi[a])), second, mixed }
 }

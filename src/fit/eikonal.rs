@@ -36,19 +36,14 @@ impl EikonalLoss {
     }
 
     /// In gradient space the Hessian is `2 rho' I + 4 rho'' g g^T`: eigenvalues `2 rho' + 4 q rho''` along `g` and
-    /// `2 rho'` across (`12q - 4` and `4(q - 1)` for the squared loss, `q = |g|^2`); the convex stand-in clamps both at
+    /// `2 rho'` across (`12q - 4` and `4(q - 1)` for the squared loss, `q = |g|^2`), which the convex stand-in clamps at
     /// zero.
     pub fn jet(&self, share: f64, g: Vec2, curvature: Curvature) -> LocalJet<2> {
         let (q, weight) = (g.norm_squared(), share * self.weight);
         let (value, first, second) = self.rho(q - 1.0);
-        let hessian = match curvature {
-            Curvature::Exact => Cov2::identity() * (2.0 * first) + g * g.transpose() * (4.0 * second),
-            Curvature::Convex => {
-                let (across, along) = ((2.0 * first).max(0.0), (2.0 * first + 4.0 * q * second).max(0.0));
-                let outer = if q > 0.0 { g * g.transpose() / q } else { Cov2::zeros() };
-                Cov2::identity() * across + outer * (along - across)
-            }
-        };
+        let (across, along) = (curvature.of(2.0 * first), curvature.of(2.0 * first + 4.0 * q * second));
+        let outer = if q > 0.0 { g * g.transpose() / q } else { Cov2::zeros() };
+        let hessian = Cov2::identity() * across + outer * (along - across);
         LocalJet { value: weight * value, gradient: g * (weight * 2.0 * first), hessian: hessian * weight }
     }
 }
@@ -63,16 +58,16 @@ mod tests {
         fn derivatives_agree_with_central_differences(x in -1.5..1.5f64, y in -1.5..1.5f64, robust in any::<bool>()) {
             let loss = EikonalLoss { weight: 3.0, scale: robust.then_some(0.2) };
             let (g, e) = (Vec2::new(x, y), 1e-6);
-            let jet = loss.jet(1.0, g, Curvature::Exact);
+            let jet = loss.jet(1.0, g, Curvature::EXACT);
             for axis in 0..2 {
                 let mut d = Vec2::zeros();
                 d[axis] = e;
-                let (ahead, behind) = (loss.jet(1.0, g + d, Curvature::Exact), loss.jet(1.0, g - d, Curvature::Exact));
+                let (ahead, behind) = (loss.jet(1.0, g + d, Curvature::EXACT), loss.jet(1.0, g - d, Curvature::EXACT));
                 prop_assert!(((ahead.value - behind.value) / (2.0 * e) - jet.gradient[axis]).abs() < 1e-5);
                 let column = (ahead.gradient - behind.gradient) / (2.0 * e);
                 prop_assert!((column - jet.hessian.column(axis)).norm() < 1e-4 * (1.0 + jet.hessian.norm()));
             }
-            prop_assert!(loss.jet(1.0, g, Curvature::Convex).hessian.symmetric_eigenvalues().min() >= -1e-9);
+            prop_assert!(loss.jet(1.0, g, Curvature::CONVEX).hessian.symmetric_eigenvalues().min() >= -1e-9);
         }
     }
 }

@@ -5,14 +5,31 @@
 
 use nalgebra::{SMatrix, SVector};
 
-/// Which second derivatives a step wants.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Curvature {
-    /// The Hessian itself.
-    Exact,
-    /// A positive semi-definite stand-in: its projection, point by point, for the Eikonal loss; Gauss-Newton's for
-    /// returns.
-    Convex,
+/// Which second derivatives a step wants: the Hessian itself, its positive semi-definite stand-in (for the Eikonal loss
+/// its projection, point by point; for returns Gauss-Newton's), or a mean of the two.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Curvature {
+    convex: f64,
+}
+
+impl Curvature {
+    pub const EXACT: Self = Self { convex: 0.0 };
+    pub const CONVEX: Self = Self { convex: 1.0 };
+
+    /// The mean with such a share of the stand-in, in [0, 1].
+    pub fn without_concavity(share: f64) -> Self {
+        Self { convex: share }
+    }
+
+    /// The exact Hessian's share in what has no sign of its own.
+    pub fn exact_share(&self) -> f64 {
+        1.0 - self.convex
+    }
+
+    /// An eigenvalue as this curvature has it.
+    pub fn of(&self, eigenvalue: f64) -> f64 {
+        if eigenvalue < 0.0 { self.exact_share() * eigenvalue } else { eigenvalue }
+    }
 }
 
 /// A function's value, gradient and Hessian in `K` local quantities.

@@ -7,6 +7,7 @@
 mod bordered;
 mod chain;
 mod continuation;
+mod damping;
 mod eikonal;
 pub mod gauge;
 mod loss;
@@ -25,6 +26,7 @@ use thiserror::Error;
 pub use bordered::{Bordered, System};
 pub(crate) use bordered::{pose_block, solve_components};
 pub use chain::{InputJet, by_inputs};
+pub use damping::Law;
 pub use eikonal::EikonalLoss;
 pub use loss::{Curvature, LocalJet};
 pub use newton::{Minimum, Newton, StoppingRule};
@@ -107,10 +109,11 @@ pub fn fit(
 ) -> Result<Fit, FitError> {
     let returns = returns_inside(scans, lattice)?;
     let refinable = lattice.len().saturating_mul(3 * scans.len()) <= LARGEST_BORDER;
-    let scatter = scatter(&returns, &viewpoints(scans, noise, 0.0)?);
+    let mut viewpoints = viewpoints(scans, noise, 0.0)?;
+    let scatter = scatter(&returns, &viewpoints);
     let information = information(lattice, &returns, scatter);
     let weights = Weights::resolve(options, lattice.resolution, refinable, information);
-    let viewpoints = viewpoints(scans, noise, weights.model_sigma)?;
+    viewpoints.iter_mut().for_each(|own| own.noise.model_variance = weights.model_sigma.powi(2));
     let evidence = Evidence::gather(lattice, scans);
     let stencil = match options.band {
         Some(band) => Stencil::of_cells(lattice, &evidence.cells_within(lattice, band)),
@@ -191,7 +194,7 @@ impl Descent<'_> {
             first_gradient: Some(first_gradient),
             certify: true,
             chords: if calibrated { 0 } else { CHORDS },
-            curvature: Curvature::Exact,
+            law: if loss.scale.is_some() { Law::Concavity } else { Law::Slopes },
         };
         let mut newton = Newton::new(self.objective, self.cholesky, spent);
         let minimum = newton.minimise(unknowns, &rule, observer)?;

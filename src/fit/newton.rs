@@ -1,14 +1,10 @@
 //! Damped Newton with the exact Hessian.
 //!
-//! Each step solves `(H + mu D) p = -gradient` with the exact Hessian and [`Objective::damping`]'s `D`; `mu` rises
-//! until the matrix is positive definite and falls while the quadratic model keeps its promises. Where even a large
-//! `mu` does not help, the step comes from the convex stand-in of the Hessian, which always does. Along the step a
-//! backtracking line search (cubic cost: one evaluation, far below a factorisation) replaces the re-factorisations that
-//! a rejected step would need. Gauss-Newton would converge linearly here, because the Eikonal residuals at the cut
-//! locus stay large; the exact Hessian is as sparse and makes the end quadratic.
-//!
-//! [`super::continuation`]'s stages, which are a way and not an end, take the stand-in at every step
-//! ([`StoppingRule::curvature`]): then nothing is indefinite, and damping only keeps steps within reason.
+//! Each step solves `M p = -gradient` with `M` the Hessian as [`super::damping`] makes it positive definite; damping
+//! rises until it is, and falls while the quadratic model keeps its promises. Along the step a backtracking line search
+//! (cubic cost: one evaluation, far below a factorisation) replaces the re-factorisations that a rejected step would
+//! need. Gauss-Newton would converge linearly here, because the Eikonal residuals at the cut locus stay large; the
+//! exact Hessian is as sparse and makes the end quadratic.
 //!
 //! At the end the undamped exact Hessian is factorised once more: positive definite there, together with a vanishing
 //! gradient, is the certificate of a minimum.
@@ -16,6 +12,7 @@
 use std::ops::ControlFlow;
 
 use super::bordered::{Bordered, System};
+use super::damping::{Damping, Law};
 use super::loss::Curvature;
 use super::objective::Objective;
 use super::{FitError, Progress};
@@ -33,8 +30,8 @@ pub struct StoppingRule {
     pub certify: bool,
     /// How many further steps one factorisation may serve.
     pub chords: usize,
-    /// Which Hessian the steps take.
-    pub curvature: Curvature,
+    /// How steps are damped.
+    pub law: Law,
 }
 
 /// How a minimisation ended.
@@ -50,36 +47,19 @@ pub struct Minimum {
     pub positive_definite: bool,
 }
 
-/// Damping below this is none.
-const NO_DAMPING: f64 = 1e-7;
-/// The damping a fit starts with: enough for the squared Eikonal loss to be convex.
-const FIRST_DAMPING: f64 = 1.0;
-/// Where the convex stand-in takes the steps, damping only keeps them within reason.
-const CONVEX_DAMPING: f64 = 1e-4;
-/// Damping from which the convex stand-in is used instead.
-const CONVEX_FROM: f64 = 1e3;
-/// By how much damping rises where the matrix is indefinite, falls after a good step, and by how much the memory of
-/// damping that was too little fades a step. Tuned on 20 draws of experiment 1 for the fewest factorisations.
-const RAISE: f64 = 4.0;
-const LOWER: f64 = 0.1;
-const FORGET: f64 = 0.5;
 /// A chord's step may promise this many times what the one before did, and must keep this share of it: else the factor
 /// no longer tells what lies ahead.
 const CHORD_GROWTH: f64 = 4.0;
 const CHORD_GAIN: f64 = 0.1;
 /// A step shorter than this share of the Newton step is given up, and damping raised instead.
 const SHORTEST_STEP: f64 = 1e-4;
-/// A fit whose damping exceeds this cannot move: it has gone as far as rounding lets it.
-const STUCK_FROM: f64 = 1e12;
 
 /// A minimisation under way.
 pub struct Newton<'a> {
     objective: &'a Objective,
     cholesky: &'a mut Cholesky,
     damper: StencilMatrix,
-    damping: f64,
-    /// Damping that was too little of late; it is forgotten by and by.
-    refused: f64,
+    damping: Damping,
     minimum: Minimum,
     /// Gradient and exact Hessian where the minimisation stands.
     pub system: System,
@@ -90,8 +70,7 @@ impl<'a> Newton<'a> {
     pub fn new(objective: &'a Objective, cholesky: &'a mut Cholesky, spent: Minimum) -> Self {
         Self {
             damper: objective.damping(),
-            damping: 0.0,
-            refused: 0.0,
+            damping: Damping::new(Law::Slopes),
             minimum: spent,
             system: objective.system(),
             objective,
@@ -99,19 +78,16 @@ impl<'a> Newton<'a> {
         }
     }
 
-    /// Minimises from `unknowns`, which hold the result. `self.system` then is the one there, with the rule's
-    /// curvature, and the Cholesky factor that of its Hessian where [`Minimum::positive_definite`].
+    /// Minimises from `unknowns`, which hold the result. `self.system` then is the one there (exact where the
+    /// rule certifies), and the Cholesky factor that of its Hessian where [`Minimum::positive_definite`].
     pub fn minimise(
         &mut self,
         unknowns: &mut [f64],
         rule: &StoppingRule,
         observer: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
     ) -> Result<Minimum, FitError> {
-        self.damping = match rule.curvature {
-            Curvature::Exact => FIRST_DAMPING,
-            Curvature::Convex => CONVEX_DAMPING,
-        };
-        self.minimum.objective = self.objective.assemble(unknowns, rule.curvature, &mut self.system);
+        self.damping = Damping::new(rule.law);
+        self.minimum.objective = self.objective.assemble(unknowns, self.damping.curvature(), &mut self.system);
         let first = rule.first_gradient.unwrap_or_else(|| largest(&self.system.gradient));
         if !(self.minimum.objective.is_finite() && first.is_finite()) {
             return Err(FitError::NotFinite);
@@ -128,18 +104,20 @@ impl<'a> Newton<'a> {
             if observer(&progress).is_break() {
                 return Err(FitError::Cancelled);
             }
-            let out_of_steps = self.minimum.iterations >= rule.max_iterations || self.damping > STUCK_FROM;
+            let out_of_steps = self.minimum.iterations >= rule.max_iterations || self.damping.is_stuck();
             let stationary = self.minimum.relative_gradient <= rule.tolerance;
             if (out_of_steps || stationary) && !rule.certify {
                 return Ok(self.minimum);
             }
             if out_of_steps || stationary {
                 self.minimum.factorisations += 1;
+                self.objective.assemble(unknowns, Curvature::EXACT, &mut self.system);
                 self.minimum.positive_definite = Bordered::factorise(&self.system, self.cholesky).is_ok();
                 if out_of_steps || self.minimum.positive_definite {
                     return Ok(self.minimum);
                 }
-                self.damping = self.damping.max(FIRST_DAMPING);
+                self.damping.restart();
+                self.objective.assemble(unknowns, self.damping.curvature(), &mut self.system);
             }
             self.step(unknowns, rule)?;
         }
@@ -159,18 +137,8 @@ impl<'a> Newton<'a> {
         if length == 1.0 {
             self.chords(unknowns, &factor, rule.chords, slope);
         }
-        self.damping = match (length, kept) {
-            (0.0, _) => (self.damping * 16.0).max(1e-3),
-            (t, _) if t < 1.0 => (self.damping * (0.5 / t).clamp(1.0, 8.0)).max(1e-4),
-            (_, kept) if kept > 0.6 => (self.damping * LOWER).max(self.refused * 1.5).min(self.damping),
-            (_, kept) if kept < 0.25 => self.damping * 2.0,
-            _ => self.damping,
-        };
-        self.refused *= FORGET;
-        if self.damping < NO_DAMPING {
-            self.damping = 0.0;
-        }
-        self.minimum.objective = self.objective.assemble(unknowns, rule.curvature, &mut self.system);
+        self.damping.learn(length, kept);
+        self.minimum.objective = self.objective.assemble(unknowns, self.damping.curvature(), &mut self.system);
         if self.minimum.objective.is_finite() { Ok(()) } else { Err(FitError::NotFinite) }
     }
 
@@ -199,20 +167,19 @@ impl<'a> Newton<'a> {
     /// Raises the damping until the system, which is damped in place, is positive definite.
     fn factorise_damped(&mut self, unknowns: &[f64]) -> Result<Bordered, FitError> {
         let mut added = 0.0;
-        let mut convex = false;
         loop {
-            damp(&mut self.system, &self.damper, self.damping - added);
-            added = self.damping;
+            damp(&mut self.system, &self.damper, self.damping.slopes() - added);
+            added = self.damping.slopes();
             self.minimum.factorisations += 1;
             match Bordered::factorise(&self.system, self.cholesky) {
                 Ok(factor) => return Ok(factor),
-                Err(SparseError::NotPositiveDefinite) if self.damping < CONVEX_FROM => {
-                    self.refused = self.damping;
-                    self.damping = (self.damping * RAISE).max(1e-4);
-                }
-                Err(SparseError::NotPositiveDefinite) if !convex => {
-                    self.objective.assemble(unknowns, Curvature::Convex, &mut self.system);
-                    (added, convex) = (0.0, true);
+                Err(SparseError::NotPositiveDefinite) if !self.damping.is_stuck() => {
+                    let before = self.damping.curvature();
+                    self.damping.raise();
+                    if self.damping.curvature() != before {
+                        self.objective.assemble(unknowns, self.damping.curvature(), &mut self.system);
+                        added = 0.0;
+                    }
                 }
                 Err(error) => return Err(error.into()),
             }

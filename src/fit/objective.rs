@@ -140,7 +140,7 @@ impl Objective {
             for sighting in sightings {
                 let row = self.lattice.row(&sighting.located);
                 let g = Vec2::new(dot(&row.dx, &local), dot(&row.dy, &local));
-                total += self.sightings.loss(sighting, dot(&row.value, &local), g, Curvature::Convex).value;
+                total += self.sightings.loss(sighting, dot(&row.value, &local), g, Curvature::CONVEX).value;
             }
         }
         total
@@ -150,7 +150,7 @@ impl Objective {
     pub fn gradient(&self, unknowns: &[f64]) -> Vec<f64> {
         if self.sightings.refined {
             let mut system = self.system();
-            self.assemble(unknowns, Curvature::Convex, &mut system);
+            self.assemble(unknowns, Curvature::CONVEX, &mut system);
             return system.gradient;
         }
         let mut gradient = vec![0.0; unknowns.len()];
@@ -173,7 +173,7 @@ impl Objective {
             for sighting in sightings {
                 let row = self.lattice.row(&sighting.located);
                 let g = Vec2::new(dot(&row.dx, &local), dot(&row.dy, &local));
-                let jet = self.sightings.loss(sighting, dot(&row.value, &local), g, Curvature::Convex).gradient;
+                let jet = self.sightings.loss(sighting, dot(&row.value, &local), g, Curvature::CONVEX).gradient;
                 for (k, &at) in support.iter().enumerate() {
                     gradient[at] += jet[0] * row.value[k] + jet[1] * row.dx[k] + jet[2] * row.dy[k];
                 }

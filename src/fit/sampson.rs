@@ -25,19 +25,18 @@ pub fn sampson(u: f64, g: Vec2, c: &CovarianceJet, curvature: Curvature) -> Loca
     let w = u / v;
     let unit = SVector::<f64, 5>::new(1.0, 0.0, 0.0, 0.0, 0.0);
     let gradient = unit * (2.0 * w) - dv * (w * w);
-    let hessian = match curvature {
-        Curvature::Exact => {
-            let cross = unit * dv.transpose();
-            unit * unit.transpose() * (2.0 / v) - (cross + cross.transpose()) * (2.0 * w / v)
-                + dv * dv.transpose() * (2.0 * w * w / v)
-                - second_of_variance(g, c, along(&c.by_heading_twice)) * (w * w)
-        }
-        // The residual u / sqrt(v) has the gradient (unit - w dv / 2) / sqrt(v).
-        Curvature::Convex => {
-            let residual = unit - dv * (0.5 * w);
-            residual * residual.transpose() * (2.0 / v)
-        }
-    };
+    // The residual u / sqrt(v) has the gradient (unit - w dv / 2) / sqrt(v).
+    let residual = unit - dv * (0.5 * w);
+    let mut hessian = residual * residual.transpose() * (2.0 / v);
+    let exact = curvature.exact_share();
+    if exact > 0.0 {
+        // What Gauss-Newton's leaves out: the residual times its second derivative, doubled.
+        let cross = unit * dv.transpose();
+        let left_out = dv * dv.transpose() * (1.5 * w * w / v)
+            - (cross + cross.transpose()) * (w / v)
+            - second_of_variance(g, c, along(&c.by_heading_twice)) * (w * w);
+        hessian += left_out * exact;
+    }
     LocalJet { value: u * w, gradient, hessian }
 }
 
@@ -74,7 +73,7 @@ mod tests {
         let direction = Vec2::new(q[3].cos(), q[3].sin());
         let seen = Return { scan: 0, beam: 0, point: direction * q[4], direction, range: q[4] };
         let noise = ReturnNoise { pose: None, range_variance: 4e-4, model_variance: 1e-4 };
-        sampson(q[0], Vec2::new(q[1], q[2]), &noise.jet(&seen), Curvature::Exact)
+        sampson(q[0], Vec2::new(q[1], q[2]), &noise.jet(&seen), Curvature::EXACT)
     }
 
     proptest! {

@@ -17,14 +17,14 @@ fn check_derivatives(weighting: Weighting) {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
     let mut system = fit.objective.system();
     let at = fit.unknowns.clone();
-    fit.objective.assemble(&at, Curvature::Exact, &mut system);
+    fit.objective.assemble(&at, Curvature::EXACT, &mut system);
     let (mut ahead, mut behind) = (fit.objective.system(), fit.objective.system());
     for _ in 0..8 {
         let direction: Vec<f64> = at.iter().map(|_| rng.random_range(-1.0..1.0)).collect();
         let e = 1e-6;
         let moved = |t: f64| at.iter().zip(&direction).map(|(x, d)| x + t * d).collect::<Vec<_>>();
-        let value_ahead = fit.objective.assemble(&moved(e), Curvature::Exact, &mut ahead);
-        let value_behind = fit.objective.assemble(&moved(-e), Curvature::Exact, &mut behind);
+        let value_ahead = fit.objective.assemble(&moved(e), Curvature::EXACT, &mut ahead);
+        let value_behind = fit.objective.assemble(&moved(-e), Curvature::EXACT, &mut behind);
         assert!((value_ahead - fit.objective.value(&moved(e))).abs() < 1e-9 * value_ahead);
         let slope: f64 = system.gradient.iter().zip(&direction).map(|(g, d)| g * d).sum();
         let difference = (value_ahead - value_behind) / (2.0 * e);
@@ -49,12 +49,19 @@ fn derivatives_of_the_calibrated_objective_with_poses_agree_with_central_differe
 }
 
 #[test]
-fn the_convex_stand_in_has_the_same_gradient_and_no_negative_eigenvalue() {
+fn the_convex_stand_in_has_the_same_gradient_and_no_negative_eigenvalue_and_can_be_mixed_in() {
     let fit = fitted(Weighting::Calibrated, 5);
     let (mut exact, mut convex) = (fit.objective.system(), fit.objective.system());
-    let value = fit.objective.assemble(&fit.unknowns, Curvature::Exact, &mut exact);
-    assert_eq!(value, fit.objective.assemble(&fit.unknowns, Curvature::Convex, &mut convex));
+    let value = fit.objective.assemble(&fit.unknowns, Curvature::EXACT, &mut exact);
+    assert_eq!(value, fit.objective.assemble(&fit.unknowns, Curvature::CONVEX, &mut convex));
     assert_eq!(exact.gradient, convex.gradient);
+    let mut between = fit.objective.system();
+    fit.objective.assemble(&fit.unknowns, Curvature::without_concavity(0.3), &mut between);
+    for ((exact, convex), between) in
+        exact.hessian.values.iter().zip(&convex.hessian.values).zip(&between.hessian.values)
+    {
+        assert!((0.7 * exact + 0.3 * convex - between).abs() <= 1e-9 * (exact.abs() + convex.abs()) + 1e-9);
+    }
     convex.hessian.shift_diagonal(|_| 1e-9);
     let mut cholesky = Cholesky::analyse(convex.hessian.stencil()).unwrap();
     assert!(Bordered::factorise(&convex, &mut cholesky).is_ok());

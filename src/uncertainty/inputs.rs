@@ -127,7 +127,7 @@ fn input_jet(fit: &Fit, sighting: &Sighting, local: &[f64; SUPPORT]) -> InputJet
     let objective = &fit.objective;
     let row = objective.lattice.row(&sighting.located);
     let surface = local_jet(&row, local);
-    let jet = objective.sightings.loss(sighting, surface.value, surface.gradient, Curvature::Exact);
+    let jet = objective.sightings.loss(sighting, surface.value, surface.gradient, Curvature::EXACT);
     let third = objective.third(&sighting.located, local);
-    by_inputs(&row, &jet, &surface, &third, &sighting.seen, Curvature::Exact)
+    by_inputs(&row, &jet, &surface, &third, &sighting.seen, Curvature::EXACT)
 }

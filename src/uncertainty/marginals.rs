@@ -80,7 +80,7 @@ pub(super) fn settle(fit: &mut Fit) -> Result<Bordered, UncertaintyError> {
     match Bordered::factorise(&fit.system, &mut fit.cholesky) {
         Ok(border) => Ok(border),
         Err(_) => {
-            fit.objective.assemble(&fit.unknowns, Curvature::Convex, &mut fit.system);
+            fit.objective.assemble(&fit.unknowns, Curvature::CONVEX, &mut fit.system);
             let scale = fit.system.hessian.diagonal().iter().sum::<f64>() / fit.cholesky.dimension() as f64;
             fit.system.hessian.shift_diagonal(|_| 1e-9 * scale);
             Ok(Bordered::factorise(&fit.system, &mut fit.cholesky)?)

@@ -7,7 +7,7 @@ use faer::linalg::solvers::DenseSolveCore;
 
 use super::*;
 use crate::fit::{
-    Curvature, Fit, FitOptions, Minimum, Newton, Poses, StoppingRule, VectorFit, Weighting, fit, fit_vector, gauge,
+    Fit, FitOptions, Law, Minimum, Newton, Poses, StoppingRule, VectorFit, Weighting, fit, fit_vector, gauge,
 };
 use crate::scan::LaserScan;
 use crate::sim::Scenario;
@@ -238,7 +238,7 @@ fn refitted(scans: &[LaserScan], changed: &[LaserScan], options: &FitOptions) ->
         first_gradient: None,
         certify: true,
         chords: 0,
-        curvature: Curvature::Exact,
+        law: Law::Slopes,
     };
     let mut unknowns = fit.unknowns;
     Newton::new(&fit.objective, &mut fit.cholesky, Minimum::default())
