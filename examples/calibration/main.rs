@@ -68,7 +68,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             }
         } else {
             let draw = |seed| replicate(&case.scenario, &truth, &options, 1000 + seed);
-            let tally = Tally::of(&truth, in_parallel(choice.replicates, choice.threads, draw));
+            let tally = Tally::of(&truth, &in_parallel(choice.replicates, choice.threads, draw));
             println!("{}", tally.line(case));
             std::io::stdout().flush()?;
         }
