@@ -1,4 +1,4 @@
-"""docs/calibration.md and its plots from the study's table.
+"""docs/calibration.md and its plots from the study's table, and the grid of weights (weights.csv) beside it.
 
     calibration_page.py STUDY [FRESH]
 
@@ -16,6 +16,14 @@ matplotlib.rcParams["svg.hashsalt"] = "mapfit"
 import matplotlib.pyplot as plt
 
 KEY = ("world", "noise", "resolution", "beams")
+BARS = [
+    ("coverage_plain", 0.93, 0.97, "wall farther than h from a corner, 93 to 97 %"),
+    ("coverage_corners", 0.92, 1.0, "wall with its corners, at least 92 %"),
+    ("ratio", 0.93, 1.07, "predicted over empirical sigma, 0.93 to 1.07"),
+    ("ratio_median", 0.93, 1.07, "the same by medians"),
+    ("coverage_inside", 0.92, 1.0, "inside, farther than h from the cut locus, at least 92 %"),
+    ("pose_coverage", 0.93, 0.97, "refined poses, 93 to 97 %"),
+]
 WORLDS = ["L", "U", "T", "pillars", "house"]
 NOISE = {
     "as1": "as experiment 1",
@@ -29,6 +37,7 @@ SHOWN = [
     ("coverage_corners", "with corners"),
     ("coverage_inside", "inside"),
     ("ratio", "predicted / empirical"),
+    ("ratio_median", "the same by medians"),
     ("boundary_rms", "wall rms, m"),
     ("inside_rmse", "inside rmse, m"),
     ("pose_position", "position"),
@@ -43,11 +52,15 @@ def read(file):
     return {tuple(row[k] for k in KEY): row for row in csv.DictReader(open(file))} if os.path.exists(file) else {}
 
 
+def shown(row, name):
+    return f"{row[name]} ± {row[name + '_se']}" if name + "_se" in row else row[name]
+
+
 def table(rows):
     head = "| world | noise | h | scans x beams | " + " | ".join(label for _, label in SHOWN) + " |"
     lines = [head, "| --- " * (4 + len(SHOWN)) + "|"]
     for row in rows:
-        cells = [row["world"], NOISE[row["noise"]], row["resolution"], row["beams"]] + [row[name] for name, _ in SHOWN]
+        cells = [row["world"], NOISE[row["noise"]], row["resolution"], row["beams"]] + [shown(row, name) for name, _ in SHOWN]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -70,17 +83,28 @@ def plot(rows, file):
 
 
 def verdicts(rows):
-    count = lambda held: f"{sum(held)} of {len(rows)}"
-    number = lambda row, name: float(row[name])
-    return "\n".join(
-        [
-            f"- wall farther than h from a corner, 93 to 97 %: {count([0.93 <= number(r, 'coverage_plain') <= 0.97 for r in rows])} cases",
-            f"- wall with its corners, at least 92 %: {count([number(r, 'coverage_corners') >= 0.92 for r in rows])}",
-            f"- predicted over empirical sigma, 0.93 to 1.07: {count([0.93 <= number(r, 'ratio') <= 1.07 for r in rows])}",
-            f"- inside, farther than h from the cut locus, at least 92 %: {count([number(r, 'coverage_inside') >= 0.92 for r in rows])}",
-            f"- refined poses, 93 to 97 %: {count([0.93 <= number(r, 'pose_coverage') <= 0.97 for r in rows])}",
-        ]
-    )
+    lines = []
+    for name, least, most, label in BARS:
+        beyond = [(max(least - float(row[name]), float(row[name]) - most), 2 * float(row[name + "_se"])) for row in rows]
+        held = sum(by <= 0 for by, _ in beyond)
+        near = sum(0 < by <= error for by, error in beyond)
+        lines.append(f"- {label}: {held} of {len(rows)} cases, {near} more within two standard errors")
+    return "\n".join(lines)
+
+
+def against_grid(file):
+    lines = ["| world | automatic, inside | best of the grid | over it | its weights (rho_e, scale, smoothing) |"]
+    lines.append("| --- | --- | --- | --- | --- |")
+    rows = list(csv.DictReader(open(file)))
+    millimetres = lambda row: f"{1e3 * float(row['inside_rmse']):.1f}, walls {1e3 * float(row['boundary_rms']):.1f}"
+    for world in WORLDS:
+        own = [row for row in rows if row["world"] == world]
+        automatic = next(row for row in own if row["weights"] == "automatic")
+        best = min((row for row in own if row["weights"] == "grid"), key=lambda row: float(row["inside_rmse"]))
+        over = float(automatic["inside_rmse"]) / float(best["inside_rmse"]) - 1
+        weights = ", ".join(best[name] for name in ("eikonal_weight", "eikonal_scale", "smoothing"))
+        lines.append(f"| {world} | {millimetres(automatic)} | {millimetres(best)} | {100 * over:+.0f} % | {weights} |")
+    return "\n".join(lines)
 
 
 def main():
@@ -97,7 +121,11 @@ def main():
     plot(rows, os.path.join(folder, "coverage.svg"))
     page = open(os.path.join(folder, "page.md")).read()
     with open(folder + ".md", "w") as out:
-        out.write(page.replace("{cases}", str(len(rows))).replace("{table}", table(rows)).replace("{verdicts}", verdicts(rows)))
+        grid = against_grid(os.path.join(folder, "weights.csv"))
+        filled = {"cases": str(len(rows)), "table": table(rows), "verdicts": verdicts(rows), "weights": grid}
+        for name, text in filled.items():
+            page = page.replace("{" + name + "}", text)
+        out.write(page)
 
 
 main()

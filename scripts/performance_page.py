@@ -72,7 +72,7 @@ def race():
         axis.set(title=label + " control points", xlabel="seconds", ylabel="cost over the best", ylim=(0.98, 1.8))
     axes[0].legend(fontsize=8)
     figure.tight_layout()
-    figure.savefig(f"{FOLDER}/race.svg")
+    figure.savefig(f"{FOLDER}/race.svg", metadata={"Date": None})
     return "\n".join(lines)
 
 
@@ -84,11 +84,16 @@ def marginals():
         if words:
             factor, posterior, both = (statistics.median(float(w[k]) for w in words) for k in (2, 4, 6))
             lines.append(f"| {label} | {1e3 * factor:.1f} ms | {1e3 * posterior:.1f} ms | {1e3 * both:.1f} ms | {posterior / factor:.1f} and {both / factor:.1f} |")
-    lines.append("\nCeres's Covariance (SPARSE_QR, the diagonal alone), on one core:\n")
+    lines.append("\nCeres's Covariance (SPARSE_QR, the diagonal alone), and all marginals of arael 0.9.3, on one core:\n")
     for world, label in WORLDS.items():
+        peers = []
         for file in glob.glob(f"{FOLDER}/{world}.covariance.csv"):
             words = open(file).read().split()[2:]
-            lines.append(f"- {label}: " + (f"{float(words[0]):.1f} s" if words[-1] == "ok" else " ".join(words)))
+            peers.append("Ceres " + (f"{float(words[0]):.1f} s" if words[-1] == "ok" else " ".join(words)))
+        for file in glob.glob(f"{FOLDER}/{world}.arael.csv"):
+            peers.append(f"arael {float(open(file).read().split()[6]):.2f} s")
+        if peers:
+            lines.append(f"- {label}: " + ", ".join(peers))
     return "\n".join(lines)
 
 
@@ -111,7 +116,7 @@ def growth():
     axis.set(xlabel="control points", title="A calibrated fit with both covariances")
     axis.legend()
     figure.tight_layout()
-    figure.savefig(f"{FOLDER}/growth.svg")
+    figure.savefig(f"{FOLDER}/growth.svg", metadata={"Date": None})
     lines = ["| control points | returns | fit | with covariance | peak memory | factorisations | converged |", "| --- | --- | --- | --- | --- | --- | --- |"]
     for r, mib in zip(rows, memory):
         lines.append(f"| {r['control_points']} | {r['returns']} | {float(r['fit_seconds']):.1f} s | {float(r['seconds']):.1f} s | {mib:.0f} MiB | {r['factorisations']} | {r['converged']} |")
