@@ -69,14 +69,19 @@ def plot(rows, file):
     labels = [f"{r['world']} {NOISE[r['noise']]}, h {r['resolution']}, {r['beams']}" for r in rows]
     place = range(len(rows))
     figure, axes = plt.subplots(1, 2, figsize=(11, 0.32 * len(rows) + 1.4), sharey=True)
-    for name, marker, label in [("coverage_plain", "o", "wall"), ("coverage_corners", "x", "with corners"), ("coverage_inside", ".", "inside")]:
-        axes[0].plot([float(r[name]) for r in rows], place, marker, label=label)
+    column = lambda name: [float(r[name]) for r in rows]
+    for name, marker, label in [("coverage_corners", "x", "with corners"), ("coverage_inside", ".", "inside")]:
+        axes[0].plot(column(name), place, marker, label=label)
+    axes[0].errorbar(column("coverage_plain"), place, xerr=column("coverage_plain_se"), fmt="o", label="wall")
     axes[0].axvspan(0.93, 0.97, color="tab:green", alpha=0.15)
     axes[0].set(xlabel="two-sigma coverage", yticks=list(place), yticklabels=labels)
+    axes[0].margins(y=0.01)
     axes[0].legend(fontsize=8, loc="lower left")
-    axes[1].plot([float(r["ratio"]) for r in rows], place, "o")
+    axes[1].errorbar(column("ratio"), place, xerr=column("ratio_se"), fmt="o", label="by mean squares")
+    axes[1].plot(column("ratio_median"), place, "x", label="by medians")
     axes[1].axvspan(0.93, 1.07, color="tab:green", alpha=0.15)
     axes[1].set(xlabel="predicted / empirical sigma at the wall")
+    axes[1].legend(fontsize=8)
     axes[0].invert_yaxis()
     figure.tight_layout()
     figure.savefig(file, metadata={"Date": None})
