@@ -84,7 +84,7 @@ def marginals():
         if words:
             factor, posterior, both = (statistics.median(float(w[k]) for w in words) for k in (2, 4, 6))
             lines.append(f"| {label} | {1e3 * factor:.1f} ms | {1e3 * posterior:.1f} ms | {1e3 * both:.1f} ms | {posterior / factor:.1f} and {both / factor:.1f} |")
-    lines.append("\nCeres's Covariance (SPARSE_QR, the diagonal alone), and all marginals of arael 0.9.3, on one core:\n")
+    lines.append("\nCeres's Covariance (SPARSE_QR, the diagonal alone), and all marginals of arael 0.9.3 (its assembly and factorisation included), on one core:\n")
     for world, label in WORLDS.items():
         peers = []
         for file in glob.glob(f"{FOLDER}/{world}.covariance.csv"):

@@ -1,5 +1,5 @@
 //! Uncertainty that can be trusted where it is hard: poses five times as wrong as in experiment 1.
-//! `docs/calibration.md` is the whole study, a hundred draws a case; this is its sentinel.
+//! `docs/calibration.md` is the whole study, 120 draws a case; this is its sentinel.
 
 use std::ops::ControlFlow;
 

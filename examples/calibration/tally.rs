@@ -17,7 +17,7 @@ struct Trust {
     coverage_plain: f64,
     coverage_corners: f64,
     coverage_inside: f64,
-    /// Median over the wall's points: root mean square of the draws' sigmas over the standard deviation of their errors.
+    /// Median over the wall's points: root mean square of the draws' sigmas over their errors' standard deviation.
     ratio: f64,
     /// The same with the median of the draws' sigmas: the mean square follows the few widest.
     ratio_median: f64,
@@ -51,15 +51,16 @@ impl Trust {
 
     /// The figures' standard errors by the grouped jackknife: what another set of draws would change.
     fn standard_errors(truth: &Truth, all: &[&Replicate]) -> [f64; 6] {
+        let groups = GROUPS.min(all.len());
         let without = |group: usize| -> [f64; 6] {
             let rest: Vec<&Replicate> =
-                all.iter().enumerate().filter(|(k, _)| k % GROUPS != group).map(|(_, own)| *own).collect();
+                all.iter().enumerate().filter(|(k, _)| k % groups != group).map(|(_, own)| *own).collect();
             Self::of(truth, &rest).all()
         };
-        let groups: Vec<[f64; 6]> = (0..GROUPS).map(without).collect();
+        let left: Vec<[f64; 6]> = (0..groups).map(without).collect();
         std::array::from_fn(|figure| {
-            let spread = deviation(groups.iter().map(|own| own[figure]));
-            spread * (GROUPS - 1) as f64 / (GROUPS as f64).sqrt()
+            let spread = deviation(left.iter().map(|own| own[figure]));
+            spread * (groups - 1) as f64 / (groups as f64).sqrt()
         })
     }
 }

@@ -36,8 +36,8 @@ impl EikonalLoss {
     }
 
     /// In gradient space the Hessian is `2 rho' I + 4 rho'' g g^T`: eigenvalues `2 rho' + 4 q rho''` along `g` and
-    /// `2 rho'` across (`12q - 4` and `4(q - 1)` for the squared loss, `q = |g|^2`), which the convex stand-in clamps at
-    /// zero.
+    /// `2 rho'` across (`12q - 4` and `4(q - 1)` for the squared loss, `q = |g|^2`), which the convex stand-in clamps
+    /// at zero.
     pub fn jet(&self, share: f64, g: Vec2, curvature: Curvature) -> LocalJet<2> {
         let (q, weight) = (g.norm_squared(), share * self.weight);
         let (value, first, second) = self.rho(q - 1.0);

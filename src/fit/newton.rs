@@ -61,7 +61,7 @@ pub struct Newton<'a> {
     damper: StencilMatrix,
     damping: Damping,
     minimum: Minimum,
-    /// Gradient and exact Hessian where the minimisation stands.
+    /// Gradient and Hessian where the minimisation stands; see [`Self::minimise`] for which Hessian.
     pub system: System,
 }
 
@@ -111,7 +111,9 @@ impl<'a> Newton<'a> {
             }
             if out_of_steps || stationary {
                 self.minimum.factorisations += 1;
-                self.objective.assemble(unknowns, Curvature::EXACT, &mut self.system);
+                if self.damping.curvature() != Curvature::EXACT {
+                    self.objective.assemble(unknowns, Curvature::EXACT, &mut self.system);
+                }
                 self.minimum.positive_definite = Bordered::factorise(&self.system, self.cholesky).is_ok();
                 if out_of_steps || self.minimum.positive_definite {
                     return Ok(self.minimum);

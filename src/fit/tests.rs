@@ -62,6 +62,12 @@ fn the_convex_stand_in_has_the_same_gradient_and_no_negative_eigenvalue_and_can_
     {
         assert!((0.7 * exact + 0.3 * convex - between).abs() <= 1e-9 * (exact.abs() + convex.abs()) + 1e-9);
     }
+    let mixed = &exact.coupling * faer::Scale(0.7) + &convex.coupling * faer::Scale(0.3);
+    assert!((&mixed - &between.coupling).norm_max() <= 1e-9 * mixed.norm_max());
+    for ((exact, convex), between) in exact.poses.iter().zip(&convex.poses).zip(&between.poses) {
+        assert!((exact * 0.7 + convex * 0.3 - between).amax() <= 1e-9 * exact.amax());
+        assert!((exact - convex).amax() > 1e-9 * exact.amax(), "the stand-in is not the Hessian");
+    }
     convex.hessian.shift_diagonal(|_| 1e-9);
     let mut cholesky = Cholesky::analyse(convex.hessian.stencil()).unwrap();
     assert!(Bordered::factorise(&convex, &mut cholesky).is_ok());

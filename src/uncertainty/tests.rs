@@ -238,7 +238,7 @@ fn refitted(scans: &[LaserScan], changed: &[LaserScan], options: &FitOptions) ->
         first_gradient: None,
         certify: true,
         chords: 0,
-        law: Law::Slopes,
+        law: Law::Concavity,
     };
     let mut unknowns = fit.unknowns;
     Newton::new(&fit.objective, &mut fit.cholesky, Minimum::default())
