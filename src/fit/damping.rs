@@ -13,9 +13,9 @@
 //! little towards Gauss-Newton, and leaves all other places nearly their full Newton step, so it comes first. With `mu`
 //! alone the worst ridge held up the whole building: in the house of `docs/calibration.md`, at half the noise, a fit
 //! took 95 factorisations and now takes 76; in the hall with pillars, at five times the range noise, none converged and
-//! now 88 of 100 do. The squared loss is concave wherever slopes are below one, which is nearly everywhere at the start;
-//! there `mu` comes first. The stand-in's steps are longer, but end in higher minima (538 in place of 510 in the L of
-//! `scripts/peers`).
+//! now 88 of 100 do. The squared loss is concave wherever slopes are below one, which is nearly everywhere at the
+//! start; there `mu` comes first. The stand-in's steps are longer, but end in higher minima (538 in place of 510 in the
+//! L of `scripts/peers`).
 
 use super::loss::Curvature;
 
