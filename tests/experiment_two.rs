@@ -17,8 +17,8 @@ use mapfit::uncertainty::Kind;
 const RESOLUTION: f64 = 0.25;
 
 fn corridor() -> Option<Survey> {
-    let Some(data) = std::env::var_os("MAPFIT_DATA") else {
-        println!("skipped: MAPFIT_DATA is not set");
+    let Some(data) = std::env::var_os("MAPFIT_RECORDINGS") else {
+        println!("skipped: MAPFIT_RECORDINGS is not set");
         return None;
     };
     let folder = PathBuf::from(data).join("willow-corridor");
@@ -66,6 +66,8 @@ fn check_draws(survey: &Survey, space_bar: f64) {
         let map = fitted(&misplaced(&survey.scans, &Noise::EXPERIMENT_TWO, seed), Noise::EXPERIMENT_TWO);
         judged.push(truth.judge(&map));
         println!("seed {seed}: {:?}, {} steps", judged[judged.len() - 1], map.report.iterations);
+        println!("  distance everywhere {:?}", truth.judge_distance(&map));
+        println!("  where it stood      {:?}", truth.judge_poses(&map));
         if seed == 0 {
             check_grid(&map, &truth);
         }

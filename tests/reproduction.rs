@@ -8,7 +8,7 @@ fn every_figure_and_both_tables_are_drawn_and_shown_on_one_page() {
     let run = Command::new(env!("CARGO_BIN_EXE_mapfit"))
         .args(["reproduce", "--out"])
         .arg(folder.path())
-        .env_remove("MAPFIT_DATA")
+        .env_remove("MAPFIT_RECORDINGS")
         .output()
         .unwrap();
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));

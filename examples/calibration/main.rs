@@ -41,7 +41,7 @@ struct Choice {
     /// Instead of coverage: accuracy of the automatic weights and of a grid of hand-set ones.
     #[arg(long)]
     grid: bool,
-    #[arg(long, env = "MAPFIT_DATA", default_value = "../shared/data")]
+    #[arg(long, env = "MAPFIT_RECORDINGS", default_value = "../shared/data")]
     data: std::path::PathBuf,
 }
 

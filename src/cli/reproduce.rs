@@ -21,7 +21,7 @@ pub struct Reproduce {
     out: PathBuf,
     /// A folder with `willow-corridor/`, for experiment 2 in the building of the publication; an office of our own
     /// making stands in without it.
-    #[arg(long, env = "MAPFIT_DATA")]
+    #[arg(long, env = "MAPFIT_RECORDINGS")]
     data: Option<PathBuf>,
 }
 

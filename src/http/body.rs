@@ -14,6 +14,7 @@ use bytes::{Bytes, BytesMut};
 use http_body_util::BodyExt;
 
 use super::Service;
+use super::negotiate::JSON;
 use super::problem::Problem;
 
 /// How much of a refused body is received, as a multiple of the limit, and for how long.
@@ -30,11 +31,25 @@ enum Encoding {
 impl Service {
     /// A JSON body's bytes, decompressed.
     pub async fn read_json(&self, headers: &HeaderMap, body: Body) -> Result<Bytes, Problem> {
+        self.read_body(headers, body, &[JSON.media]).await.map(|(bytes, _)| bytes)
+    }
+
+    /// The bytes of a body of one of these media types, decompressed, and which of them it is.
+    pub async fn read_body(
+        &self,
+        headers: &HeaderMap,
+        body: Body,
+        known: &[&'static str],
+    ) -> Result<(Bytes, &'static str), Problem> {
         let limit = self.body_limit;
         let received = receive(body, limit).await;
-        check_media_type(headers)?;
+        let media = media_type(headers, known)?;
         let encoding = encoding(headers)?;
-        let raw = received?;
+        let unpacked = self.unpack(received?, encoding, limit).await?;
+        Ok((unpacked, media))
+    }
+
+    async fn unpack(&self, raw: Bytes, encoding: Encoding, limit: usize) -> Result<Bytes, Problem> {
         match encoding {
             Encoding::Identity => Ok(raw),
             Encoding::Gzip => self.compute(move || unpack(flate2::read::MultiGzDecoder::new(&raw[..]), limit)).await,
@@ -46,14 +61,13 @@ impl Service {
     }
 }
 
-fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
+/// Which of the known media types a body has; `application/anything+json` is JSON, too.
+fn media_type(headers: &HeaderMap, known: &[&'static str]) -> Result<&'static str, Problem> {
     let media = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
     let media = media.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
-    if media == "application/json" || (media.starts_with("application/") && media.ends_with("+json")) {
-        Ok(())
-    } else {
-        Err(Problem::of_status(StatusCode::UNSUPPORTED_MEDIA_TYPE))
-    }
+    let json = media.starts_with("application/") && media.ends_with("+json");
+    let found = known.iter().find(|known| media == **known || (json && **known == JSON.media));
+    found.copied().ok_or_else(|| Problem::of_status(StatusCode::UNSUPPORTED_MEDIA_TYPE))
 }
 
 fn encoding(headers: &HeaderMap) -> Result<Encoding, Problem> {

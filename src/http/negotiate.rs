@@ -15,6 +15,8 @@ pub struct Format {
 pub const JSON: Format = Format { name: "json", media: "application/json" };
 pub const GEOJSON: Format = Format { name: "geojson", media: "application/geo+json" };
 pub const NPZ: Format = Format { name: "npz", media: "application/x-npz" };
+/// Arrays in a request.
+pub const NPY: &str = "application/x-npy";
 pub const PNG: Format = Format { name: "png", media: "image/png" };
 pub const SVG: Format = Format { name: "svg", media: "image/svg+xml" };
 pub const ZIP: Format = Format { name: "zip", media: "application/zip" };

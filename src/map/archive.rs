@@ -3,7 +3,8 @@
 //! `map.npz` holds the surfaces (`sdf`, or `vdf_x` and `vdf_y`, of shape (ny+3, nx+3); NaN where a control point is not
 //! in use), `origin`, `resolution`, both covariances' entries on the stencil (`propagated`, `posterior`: the lower
 //! triangle, column by column; of a vector field with `_xx`, `_xy`, `_yx`, `_yy`), the evidence (`evidence`, 4 x 4
-//! marks a cell), the poses and the returns. `factors.npz` holds what any covariance entry can be formed from. The
+//! marks a cell), the surfaces (`facets`: the two ends of each, `facet_sigma`: propagated and posterior,
+//! `facet_open`), the poses and the returns. `factors.npz` holds what any covariance entry can be formed from. The
 //! fit's report is JSON inside `map.npz`, as bytes.
 
 use faer::Mat;
@@ -11,7 +12,8 @@ use nalgebra::Matrix3;
 use thiserror::Error;
 
 use super::npz::{NpzError, NpzReader, NpzWriter};
-use super::{Field, FitReport, FittedMap};
+use super::clearance::Clearance;
+use super::{Chart, Facet, Field, FitReport, FittedMap, MapError, Surfaces, zero_lines};
 use crate::geometry::{Cov3, Pose, Vec2};
 use crate::scan::{Evidence, Noise, SUBCELLS};
 use crate::sparse::{Stencil, StencilMatrix};
@@ -30,6 +32,8 @@ pub enum ArchiveError {
     Report(#[from] serde_json::Error),
     #[error(transparent)]
     Factors(#[from] UncertaintyError),
+    #[error(transparent)]
+    Map(#[from] MapError),
 }
 
 /// No array of a map is larger than this, unpacked.
@@ -64,6 +68,7 @@ impl FittedMap {
                 covariances.iter().flat_map(|c| c.transpose().iter().copied().collect::<Vec<_>>()).collect();
             npz.array(name, &[covariances.len(), 3, 3], &flat)?;
         }
+        write_surfaces(&mut npz, &self.surfaces)?;
         npz.array("report", &[report.len()], &report)?;
         Ok(npz.finish()?)
     }
@@ -86,9 +91,18 @@ impl FittedMap {
             posterior: read_covariances(&mut npz, "pose_posterior")?,
         };
         let report: FitReport = serde_json::from_slice(&npz.array::<u8>("report")?)?;
+        let surfaces = match npz.has("facets") {
+            true => read_surfaces(&mut npz, lattice.resolution)?,
+            false => {
+                let lines = zero_lines(Chart { field: &field, evidence: &evidence }).map_err(MapError::from)?;
+                Surfaces::of_lines(&field, &lines)
+            }
+        };
         Ok(Self {
             field,
             evidence,
+            surfaces,
+            clearance: Clearance::default(),
             report,
             poses: triples.chunks_exact(3).map(|p| Pose::new(p[0], p[1], p[2])).collect(),
             pose_covariance,
@@ -96,6 +110,33 @@ impl FittedMap {
             noise: Noise { sigma_x, sigma_y, sigma_theta, sigma_range },
         })
     }
+}
+
+fn write_surfaces(npz: &mut NpzWriter, surfaces: &Surfaces) -> Result<(), NpzError> {
+    let facets = surfaces.facets();
+    let ends: Vec<f64> = facets.iter().flat_map(|f| f.ends.map(|p| [p.x, p.y])).flatten().collect();
+    let sigma: Vec<f64> = facets.iter().flat_map(|f| f.sigma).collect();
+    let open: Vec<bool> = facets.iter().flat_map(|f| f.open).collect();
+    npz.array("facets", &[facets.len(), 2, 2], &ends)?
+        .array("facet_sigma", &[facets.len(), 2], &sigma)?
+        .array("facet_open", &[facets.len(), 2], &open)?;
+    Ok(())
+}
+
+fn read_surfaces(npz: &mut NpzReader<'_>, resolution: f64) -> Result<Surfaces, ArchiveError> {
+    let ends: Vec<f64> = npz.array("facets")?;
+    let sigma: Vec<f64> = npz.array("facet_sigma")?;
+    let open: Vec<bool> = npz.array("facet_open")?;
+    if ends.len() != 2 * sigma.len() || sigma.len() != open.len() {
+        return Err(ArchiveError::Damaged("the facets' arrays have different lengths"));
+    }
+    let facets = ends.chunks_exact(4).zip(sigma.chunks_exact(2)).zip(open.chunks_exact(2));
+    let facet = |((ends, sigma), open): ((&[f64], &[f64]), &[bool])| Facet {
+        ends: [Vec2::new(ends[0], ends[1]), Vec2::new(ends[2], ends[3])],
+        sigma: [sigma[0], sigma[1]],
+        open: [open[0], open[1]],
+    };
+    Ok(Surfaces::new(facets.map(facet).collect(), resolution))
 }
 
 fn covariances(field: &Field) -> Vec<(String, &StencilMatrix)> {

@@ -16,8 +16,6 @@ use crate::uncertainty::{Kind, Marginals, VectorCovariance, VectorMarginals};
 
 /// A vector shorter than this many cells takes its direction from how the field grows.
 const SHORT: f64 = 0.5;
-/// On a surface the divergence of the vector field is 1, at a jump it is strongly negative; what is below this is none.
-const WALL_DIVERGENCE: f64 = 0.3;
 
 /// A map's field with its covariance.
 #[derive(Debug, Clone)]
@@ -45,11 +43,6 @@ impl VectorAt {
     /// The direction in which the field grows fastest: a surface's normal, up to sign.
     pub fn fastest_growth(&self) -> Vec2 {
         fastest_growth(self.jacobian)
-    }
-
-    /// Whether the field looks as it does at a surface, not as at a jump between two.
-    pub fn is_wall_like(&self) -> bool {
-        self.divergence() >= WALL_DIVERGENCE
     }
 }
 
@@ -118,7 +111,7 @@ impl Field {
         Some(VectorAt { vector, jacobian, direction })
     }
 
-    /// The distance, negative in free space where it is signed.
+    /// The field's own value: the distance, negative in free space where it is signed, or the vector's length.
     pub fn value(&self, p: Vec2) -> Option<f64> {
         match self {
             Self::Signed { surface, .. } => self.locate(p).map(|at| surface.jet_at(&at).value),
@@ -126,7 +119,7 @@ impl Field {
         }
     }
 
-    /// The distance and its gradient.
+    /// The field's own value and its gradient.
     pub fn slope(&self, p: Vec2) -> Option<(f64, Vec2)> {
         match self {
             Self::Signed { surface, .. } => {
@@ -136,8 +129,9 @@ impl Field {
         }
     }
 
-    /// The distance and its standard deviation.
-    pub fn distance(&self, p: Vec2, kind: Kind) -> Option<(f64, f64)> {
+    /// The field's own value at a point, and its standard deviation along its direction: of a vector field what tells
+    /// where a surface is, and nothing of how far the nearest one is.
+    pub fn across(&self, p: Vec2, kind: Kind) -> Option<(f64, f64)> {
         let at = self.locate(p)?;
         let (row, first) = (self.lattice().row(&at).value, self.lattice().support(at.cell)[0]);
         let (distance, variance) = match self {
@@ -152,6 +146,12 @@ impl Field {
             }
         };
         Some((distance, variance.max(0.0).sqrt()))
+    }
+
+    /// The standard deviation of a vector field's component along a unit vector.
+    pub fn sigma_along(&self, p: Vec2, n: Vec2, kind: Kind) -> Option<f64> {
+        let [xx, xy, yy] = self.vector_covariance(p, kind)?;
+        Some((n.x * n.x * xx + 2.0 * n.x * n.y * xy + n.y * n.y * yy).sqrt())
     }
 
     /// The vector's covariance [xx, xy, yy] at a point, square metres.

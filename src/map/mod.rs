@@ -1,25 +1,43 @@
 //! A fitted map: the surface, its uncertainty, where there is evidence; questions about it, and its files.
 //!
 //! [`FittedMap`] is made from a [`Fit`] or a [`VectorFit`] once; from then on it never changes. Its [`Field`] is a
-//! signed or a vector distance; `query` answers what lies at a point. [`npz`] is how arrays become files that numpy
+//! signed or a vector distance, its [`Surfaces`] are where that vanishes; `query` answers what lies at a point. [`npz`] is how arrays become files that numpy
 //! opens; `archive` is a map as such files.
 
 mod archive;
+mod clearance;
 mod field;
 pub mod npz;
 mod query;
+mod surfaces;
 
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
 pub use archive::{ArchiveError, factors_from_npz, factors_to_npz, on_lattice_npz, scipy_sparse, write_columns};
 pub use field::{Field, VectorAt};
-pub use query::Answer;
+pub(crate) use query::normal_cdf;
+pub use query::{Answer, SlopeCovariance};
+pub(crate) use surfaces::level::level_lines;
+pub(crate) use surfaces::lines::zero_lines;
+pub(crate) use surfaces::samples::Samples;
+pub use surfaces::{Facet, Foot, Surfaces};
 
-use crate::fit::{Fit, Minimum, PublishedVectorFit, VectorFit, Weighting, Weights};
+use self::clearance::Clearance;
+use crate::fit::{Fit, Minimum, PublishedVectorFit, Surfels, VectorFit, Weighting, Weights};
 use crate::geometry::{Pose, Vec2};
 use crate::scan::{Evidence, Noise};
 use crate::spline::Lattice;
 use crate::uncertainty::{Factors, PoseCovariance, UncertaintyError, marginals, published_marginals, vector_marginals};
+
+/// Why a fit gave no map.
+#[derive(Debug, Error)]
+pub enum MapError {
+    #[error(transparent)]
+    Uncertainty(#[from] UncertaintyError),
+    #[error("the surfaces could not be traced: {0}")]
+    Trace(#[from] ::contour::Error),
+}
 
 /// What a fit reports about itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -51,11 +69,20 @@ pub struct FitReport {
     pub active_control_points: Option<usize>,
 }
 
+/// A field and where there is evidence: a map before its surfaces are traced.
+#[derive(Debug, Clone, Copy)]
+pub struct Chart<'a> {
+    pub field: &'a Field,
+    pub evidence: &'a Evidence,
+}
+
 /// A finished map.
 #[derive(Debug, Clone)]
 pub struct FittedMap {
     pub field: Field,
     pub evidence: Evidence,
+    pub surfaces: Surfaces,
+    clearance: Clearance,
     pub report: FitReport,
     /// One a scan, refined or as reported.
     pub poses: Vec<Pose>,
@@ -72,7 +99,7 @@ impl FittedMap {
         mut fit: Fit,
         noise: Noise,
         seconds: impl FnOnce() -> f64,
-    ) -> Result<(Self, Factors), UncertaintyError> {
+    ) -> Result<(Self, Factors), MapError> {
         let (marginals, pose_covariance) = marginals(&mut fit)?;
         let factors = Factors::of(&mut fit)?;
         let lattice = &fit.surface.lattice;
@@ -85,16 +112,8 @@ impl FittedMap {
             active_control_points: Some(stencil.active_len()).filter(|&active| active < stencil.dimension()),
             ..FitReport::of(fit.weighting, fit.converged, minimum, returns.len(), fit.weights, seconds())
         };
-        let map = Self {
-            field: Field::Signed { surface: fit.surface, marginals },
-            evidence: fit.evidence,
-            report,
-            poses: fit.poses,
-            pose_covariance,
-            returns,
-            noise,
-        };
-        Ok((map, factors))
+        let field = Field::Signed { surface: fit.surface, marginals };
+        Ok((Self::assemble(field, None, fit.evidence, report, (fit.poses, pose_covariance), returns, noise)?, factors))
     }
 
     /// The map of a vector fit, likewise.
@@ -102,7 +121,7 @@ impl FittedMap {
         mut fit: VectorFit,
         noise: Noise,
         seconds: impl FnOnce() -> f64,
-    ) -> Result<(Self, Factors), UncertaintyError> {
+    ) -> Result<(Self, Factors), MapError> {
         let (marginals, pose_covariance) = vector_marginals(&mut fit)?;
         let factors = Factors::of_vector(&fit);
         let (weighting, observations) = (Weighting::Calibrated, fit.returns.len());
@@ -112,16 +131,9 @@ impl FittedMap {
             active_control_points: Some(fit.cholesky.stencil().active_len()),
             ..FitReport::of(weighting, fit.converged, fit.minimum, observations, fit.weights, seconds())
         };
-        let map = Self {
-            field: Field::Vector { components: fit.field, marginals: Box::new(marginals) },
-            evidence: fit.evidence,
-            report,
-            poses: fit.poses,
-            pose_covariance,
-            returns: fit.returns,
-            noise,
-        };
-        Ok((map, factors))
+        let field = Field::Vector { components: fit.field, marginals: Box::new(marginals) };
+        let poses = (fit.poses, pose_covariance);
+        Ok((Self::assemble(field, Some(&fit.surfels), fit.evidence, report, poses, fit.returns, noise)?, factors))
     }
 
     /// The map of the published vector objective, likewise.
@@ -130,27 +142,44 @@ impl FittedMap {
         poses: Vec<Pose>,
         noise: Noise,
         seconds: impl FnOnce() -> f64,
-    ) -> Result<(Self, Factors), UncertaintyError> {
+    ) -> Result<(Self, Factors), MapError> {
         let (marginals, factors) = published_marginals(&mut fit)?;
         let (stencil, observations) = (fit.cholesky.stencil(), fit.returns.len());
         let report = FitReport {
             active_control_points: Some(stencil.active_len()),
             ..FitReport::of(Weighting::Paper, false, fit.minimum, observations, fit.weights, seconds())
         };
-        let map = Self {
-            field: Field::Vector { components: fit.field, marginals: Box::new(marginals) },
-            evidence: fit.evidence,
-            report,
-            poses,
-            pose_covariance: PoseCovariance::default(),
-            returns: fit.returns.iter().map(|seen| seen.point).collect(),
-            noise,
+        let field = Field::Vector { components: fit.field, marginals: Box::new(marginals) };
+        let returns = fit.returns.iter().map(|seen| seen.point).collect();
+        let poses = (poses, PoseCovariance::default());
+        Ok((Self::assemble(field, None, fit.evidence, report, poses, returns, noise)?, factors))
+    }
+
+    /// A map from what a fit leaves. Its surfaces are the surfels where there are any, else they are traced.
+    fn assemble(
+        field: Field,
+        surfels: Option<&Surfels>,
+        evidence: Evidence,
+        report: FitReport,
+        (poses, pose_covariance): (Vec<Pose>, PoseCovariance),
+        returns: Vec<Vec2>,
+        noise: Noise,
+    ) -> Result<Self, MapError> {
+        let surfaces = match surfels {
+            Some(surfels) => Surfaces::of_surfels(&field, surfels),
+            None => Surfaces::of_lines(&field, &zero_lines(Chart { field: &field, evidence: &evidence })?),
         };
-        Ok((map, factors))
+        let clearance = Clearance::default();
+        Ok(Self { field, evidence, surfaces, clearance, report, poses, pose_covariance, returns, noise })
     }
 
     pub fn lattice(&self) -> &Lattice {
         self.field.lattice()
+    }
+
+    /// What surfaces are traced from.
+    pub(crate) fn chart(&self) -> Chart<'_> {
+        Chart { field: &self.field, evidence: &self.evidence }
     }
 }
 

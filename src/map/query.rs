@@ -1,10 +1,10 @@
-//! What a map says about a point: distance, gradient, their covariance, and whether there is evidence.
+//! What a map says about a point: distance, gradient, nearest surface, clearance, and whether there is evidence.
 //!
-//! Value and gradient are linear in the 16 coefficients of the point's cell, so their covariance is a 16 x 16 block of
-//! the stored marginals between three basis rows: nothing is solved. What a vector field makes of them:
-//! [`super::field`].
+//! A signed map's distance is its spline's: value and gradient are linear in the 16 coefficients of the point's cell,
+//! so their covariance is a 16 x 16 block of the stored marginals between three basis rows, and nothing is solved. A
+//! vector map's is that to its surfaces ([`super::surfaces`]); its vector stays the spline's.
 
-use super::FittedMap;
+use super::{Field, FittedMap};
 use crate::geometry::{Cov2, Vec2};
 use crate::spline::dot;
 use crate::uncertainty::Kind;
@@ -12,44 +12,104 @@ use crate::uncertainty::Kind;
 /// The answer at one point of the lattice.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Answer {
-    /// Metres; a signed distance is negative in free space.
+    /// To the nearest surface, metres; a signed distance is negative in free space.
     pub distance: f64,
     pub gradient: Vec2,
     /// The standard deviation of the distance, metres.
     pub sigma: f64,
-    pub gradient_covariance: Cov2,
-    /// Covariance of the distance with each component of the gradient, metres.
-    pub distance_gradient_covariance: Vec2,
+    /// Covariances of the gradient and with it, of a signed distance.
+    pub slopes: Option<SlopeCovariance>,
     /// From the nearest surface point, with its covariance [xx, xy, yy]: of a vector field.
     pub vector: Option<(Vec2, [f64; 3])>,
+}
+
+/// How uncertain a gradient is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SlopeCovariance {
+    pub gradient: Cov2,
+    /// Of the distance with each component of the gradient, metres.
+    pub with_distance: Vec2,
 }
 
 impl FittedMap {
     /// The answer at a point, or `None` outside the lattice and where no control points are in use.
     pub fn query(&self, p: Vec2, kind: Kind) -> Option<Answer> {
         let at = self.field.locate(p)?;
+        if let Field::Vector { .. } = self.field {
+            let foot = self.surfaces.foot(p, kind)?;
+            let vector = self.field.vector(p).map(|at| at.vector).zip(self.field.vector_covariance(p, kind));
+            return Some(Answer {
+                distance: foot.distance,
+                gradient: foot.away,
+                sigma: foot.sigma,
+                slopes: None,
+                vector,
+            });
+        }
         let local = self.field.local(&at, kind)?;
         let (row, block) = (&local.row, &local.covariance);
         let (on_value, on_x, on_y) = (block.times(&row.value), block.times(&row.dx), block.times(&row.dy));
         let xy = dot(&row.dx, &on_y);
-        let vector = self.field.vector(p).map(|at| at.vector);
         Some(Answer {
-            distance: vector.map_or_else(|| dot(&row.value, &local.coefficients), |v| v.norm()),
+            distance: dot(&row.value, &local.coefficients),
             gradient: Vec2::new(dot(&row.dx, &local.coefficients), dot(&row.dy, &local.coefficients)),
             sigma: dot(&row.value, &on_value).max(0.0).sqrt(),
-            gradient_covariance: Cov2::new(dot(&row.dx, &on_x), xy, xy, dot(&row.dy, &on_y)),
-            distance_gradient_covariance: Vec2::new(dot(&row.dx, &on_value), dot(&row.dy, &on_value)),
-            vector: vector.zip(self.field.vector_covariance(p, kind)),
+            slopes: Some(SlopeCovariance {
+                gradient: Cov2::new(dot(&row.dx, &on_x), xy, xy, dot(&row.dy, &on_y)),
+                with_distance: Vec2::new(dot(&row.dx, &on_value), dot(&row.dy, &on_value)),
+            }),
+            vector: None,
         })
+    }
+
+    /// Distance and its standard deviation, or `None` outside the lattice and where no control points are in use.
+    pub fn distance(&self, p: Vec2, kind: Kind) -> Option<(f64, f64)> {
+        match self.field {
+            Field::Signed { .. } => self.field.across(p, kind),
+            Field::Vector { .. } => {
+                let _ = self.field.locate(p)?;
+                self.surfaces.foot(p, kind).map(|foot| (foot.distance, foot.sigma))
+            }
+        }
+    }
+
+    /// Distance and its gradient, likewise.
+    pub fn distance_and_gradient(&self, p: Vec2) -> Option<(f64, Vec2)> {
+        match self.field {
+            Field::Signed { .. } => self.field.slope(p),
+            Field::Vector { .. } => {
+                let _ = self.field.locate(p)?;
+                self.surfaces.foot(p, Kind::Propagated).map(|foot| (foot.distance, foot.away))
+            }
+        }
+    }
+
+    /// The surface point that the distance is measured from; `None` as above, and where the map has no surface.
+    pub fn nearest(&self, p: Vec2) -> Option<Vec2> {
+        let _ = self.field.locate(p)?;
+        self.surfaces.foot(p, Kind::Propagated).map(|foot| foot.point)
+    }
+
+    /// The unsigned distance to the nearest surface or to space that nobody observed, whichever is nearer; `None`
+    /// outside the lattice.
+    pub fn clearance(&self, p: Vec2) -> Option<f64> {
+        let unseen = self.clearance.to_unseen(self.lattice(), &self.evidence, p)?;
+        let surface = self.surfaces.foot(p, Kind::Propagated).map_or(f64::INFINITY, |foot| foot.distance);
+        Some(unseen.min(surface))
     }
 
     /// Whether a beam passed a point, or a surface was met within half a cell; `None` outside the lattice.
     pub fn observed(&self, p: Vec2) -> Option<bool> {
         self.lattice().locate(p).map(|_| self.evidence.at(self.lattice(), p).any())
     }
+}
 
-    /// Distance and its standard deviation, or `None` outside the lattice and where no control points are in use.
-    pub fn distance(&self, p: Vec2, kind: Kind) -> Option<(f64, f64)> {
-        self.field.distance(p, kind)
-    }
+/// The standard normal distribution function, to 1.5e-7 (Abramowitz and Stegun 7.1.26): a hundredth is what a cell of
+/// a grid shows.
+pub(crate) fn normal_cdf(z: f64) -> f64 {
+    let x = z.abs() / std::f64::consts::SQRT_2;
+    let t = 1.0 / (1.0 + 0.327_591_1 * x);
+    let series = ((((1.061_405_429 * t - 1.453_152_027) * t) + 1.421_413_741) * t - 0.284_496_736) * t + 0.254_829_592;
+    let erf = 1.0 - series * t * (-x * x).exp();
+    0.5 * (1.0 + erf.copysign(z))
 }

@@ -4,7 +4,6 @@
 //! once, as SVG (`figure`), and rasterised with a font that is compiled in (`raster`), so it looks the same on a host
 //! without fonts.
 
-mod bridges;
 mod contour;
 mod figure;
 mod geojson;
@@ -13,7 +12,6 @@ mod occupancy;
 mod picture;
 mod raster;
 mod sheet;
-mod walls;
 
 use thiserror::Error;
 

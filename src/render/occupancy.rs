@@ -2,11 +2,10 @@
 //!
 //! With mean `u` and standard deviation `s` of the distance at the centre, and cells of side `r`,
 //! `P = Phi((r/2 - u)/s) - Phi((-r/2 - u)/s)`. A cell is known where a beam passed, or where a surface was met in it
-//! and the distance agrees that it may be there; what lies behind a wall stays unknown. A vector field also vanishes
-//! where it jumps, half-way between two surfaces: there its divergence tells that nothing stands.
+//! and the distance agrees that it may be there; what lies behind a wall stays unknown.
 
 use crate::geometry::Vec2;
-use crate::map::FittedMap;
+use crate::map::{FittedMap, normal_cdf};
 use crate::scan::{SUBCELLS, Seen};
 use crate::spline::Lattice;
 use crate::uncertainty::Kind;
@@ -91,10 +90,6 @@ fn cell(map: &FittedMap, center: Vec2, resolution: f64, kind: Kind) -> i8 {
         return -1;
     }
     let Some((u, sigma)) = map.distance(center, kind) else { return -1 };
-    let met = map.evidence.at(map.lattice(), center).surface;
-    if seen.free && !met && map.field.vector(center).is_some_and(|at| !at.is_wall_like()) {
-        return 0;
-    }
     if !seen.free && u.abs() > resolution / 2.0 + 2.0 * sigma {
         return -1;
     }
@@ -127,16 +122,6 @@ pub(crate) fn within(mean: f64, sigma: f64, half: f64) -> f64 {
         return f64::from(mean.abs() <= half);
     }
     normal_cdf((half - mean) / sigma) - normal_cdf((-half - mean) / sigma)
-}
-
-/// The standard normal distribution function, to 1.5e-7 (Abramowitz and Stegun 7.1.26): a hundredth is what a cell
-/// shows.
-fn normal_cdf(z: f64) -> f64 {
-    let x = z.abs() / std::f64::consts::SQRT_2;
-    let t = 1.0 / (1.0 + 0.327_591_1 * x);
-    let series = ((((1.061_405_429 * t - 1.453_152_027) * t) + 1.421_413_741) * t - 0.284_496_736) * t + 0.254_829_592;
-    let erf = 1.0 - series * t * (-x * x).exp();
-    0.5 * (1.0 + erf.copysign(z))
 }
 
 #[cfg(test)]

@@ -73,7 +73,7 @@ pub fn contour_picture(map: &FittedMap, traced: &Contours, width: usize, title: 
 }
 
 fn distance_layer(map: &FittedMap, figure: &mut Figure) -> Result<(), RenderError> {
-    let seen = seen_sample(map, figure.axes, |p| map.field.value(p));
+    let seen = seen_sample(map, figure.axes, |p| map.distance_and_gradient(p).map(|(u, _)| u));
     let reach = seen.last().copied().unwrap_or(1.0).max(-seen.first().copied().unwrap_or(0.0)).clamp(0.1, 1e6);
     let signed = matches!(map.field, Field::Signed { .. });
     let color = |u: f64| match signed {
@@ -81,7 +81,7 @@ fn distance_layer(map: &FittedMap, figure: &mut Figure) -> Result<(), RenderErro
         false => shade(colorous::YELLOW_GREEN_BLUE, u / reach),
     };
     figure.raster(|p| {
-        let Some(u) = map.field.value(p) else { return UNSEEN };
+        let Some((u, _)) = map.distance_and_gradient(p) else { return UNSEEN };
         let [r, g, b] = color(u);
         if map.evidence.at(map.lattice(), p).any() {
             opaque([r, g, b])

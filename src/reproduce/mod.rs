@@ -18,14 +18,14 @@ mod truth;
 use thiserror::Error;
 
 pub use page::page;
-pub use truth::{GridJudgement, Judgement, Truth};
+pub use truth::{DistanceJudgement, GridJudgement, Judgement, Truth};
 
 use crate::fit::FitError;
 use crate::render::RenderError;
 use crate::sim::{Scenario, Survey};
 use crate::sparse::SparseError;
 use crate::spline::LatticeError;
-use crate::uncertainty::UncertaintyError;
+use crate::map::MapError;
 
 /// The draw of the noise that is shown.
 const SEED: u64 = 1;
@@ -71,7 +71,7 @@ pub enum ReproduceError {
     #[error(transparent)]
     Fit(#[from] FitError),
     #[error(transparent)]
-    Uncertainty(#[from] UncertaintyError),
+    Map(#[from] MapError),
     #[error(transparent)]
     Sparse(#[from] SparseError),
     #[error(transparent)]

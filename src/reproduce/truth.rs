@@ -14,6 +14,9 @@ const NEAR: f64 = 1.0;
 const GRID: f64 = 0.2;
 /// Cells farther from any wall than this are open, metres.
 const OPEN: f64 = 0.5;
+/// An error that is far, and what the coverage of distances grants, metres.
+const FAR: f64 = 0.3;
+const SLACK: f64 = 0.005;
 /// A cell's number from which a wall in it counts as found.
 const FOUND_FROM: i8 = 45;
 
@@ -25,6 +28,8 @@ pub struct Truth<'a> {
     /// Points of seen space within 1 m of a seen wall, farther than a cell from the cut locus, with the nearest wall
     /// point.
     pub space: Vec<(Vec2, Vec2)>,
+    /// Points of all seen space whose nearest wall point was met, however near to the cut locus, with the distance.
+    pub everywhere: Vec<(Vec2, f64)>,
     hits: Vec<Vec2>,
 }
 
@@ -37,6 +42,22 @@ pub struct Judgement {
     pub space: f64,
     /// Share of the seen wall points whose normal component lies within two sigma.
     pub coverage: f64,
+}
+
+/// How far a map's distance is off, and how well its sigma knows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DistanceJudgement {
+    pub points: usize,
+    /// Mean error, metres.
+    pub mean: f64,
+    /// Mean signed error, metres.
+    pub bias: f64,
+    /// Share of the points that are off by more than 0.3 m.
+    pub far: f64,
+    /// Share within two sigma and 5 mm.
+    pub coverage: f64,
+    /// Share of the points whose clearance exceeds the true one by more than three sigma.
+    pub reckless: f64,
 }
 
 /// An occupancy grid against the walls.
@@ -66,7 +87,15 @@ impl<'a> Truth<'a> {
             .map(|p| (p, plan.nearest(p)))
             .filter(|(p, q)| (p - q).norm() < NEAR && met(*q) && view(*p) && plan.is_smooth(*p, resolution))
             .collect();
-        Self { survey, walls, space, hits }
+        let everywhere = (0..width * height)
+            .map(|k| Vec2::from(area.min) + Vec2::new((k % width) as f64, (k / width) as f64) * GRID)
+            .map(|p| (p, plan.nearest(p)))
+            .filter(|(p, q)| view(*p) && met(*q))
+            .map(|(p, q)| (p, (p - q).norm()))
+            // Where something was met that is much nearer, the plan lacks a wall.
+            .filter(|(p, truth)| !hits.iter().any(|hit| (hit - p).norm() < truth - SEEN_WITHIN))
+            .collect();
+        Self { survey, walls, space, everywhere, hits }
     }
 
     pub fn judge(&self, map: &FittedMap) -> Judgement {
@@ -79,6 +108,18 @@ impl<'a> Truth<'a> {
             Some(f64::from(vector(*p)?.dot(normal).abs() <= 2.0 * sigma))
         });
         Judgement { walls: squares.sqrt(), space: mean(errors), coverage: mean(covered) }
+    }
+
+    /// The distance in all seen space.
+    pub fn judge_distance(&self, map: &FittedMap) -> DistanceJudgement {
+        let free = |p: Vec2| map.evidence.at(map.lattice(), p).free;
+        judge_points(map, self.everywhere.iter().copied().filter(|(p, _)| free(*p)))
+    }
+
+    /// The distance where the scanner stood.
+    pub fn judge_poses(&self, map: &FittedMap) -> DistanceJudgement {
+        let places = self.survey.poses.iter().map(|pose| pose.position());
+        judge_points(map, places.map(|p| (p, (self.survey.plan.nearest(p) - p).norm())))
     }
 
     /// Judges a grid. What some return met is no phantom: a survey's file may leave out walls its scanner saw.
@@ -114,6 +155,24 @@ impl<'a> Truth<'a> {
     /// Whether a point is farther than `reach` from every wall, and no return met anything within a cell there.
     pub fn is_off(&self, p: Vec2, reach: f64) -> bool {
         (self.survey.plan.nearest(p) - p).norm() > reach && !self.hits.iter().any(|hit| (hit - p).norm() < 2.0 * reach)
+    }
+}
+
+fn judge_points(map: &FittedMap, points: impl Iterator<Item = (Vec2, f64)>) -> DistanceJudgement {
+    let answers: Vec<(f64, f64, f64, f64)> = points
+        .filter_map(|(p, truth)| {
+            let (distance, sigma) = map.distance(p, Kind::Propagated)?;
+            Some((distance, sigma, truth, map.clearance(p)?))
+        })
+        .collect();
+    let share = |of: &dyn Fn(&(f64, f64, f64, f64)) -> bool| mean(answers.iter().map(|own| f64::from(of(own))));
+    DistanceJudgement {
+        points: answers.len(),
+        mean: mean(answers.iter().map(|(d, _, truth, _)| (d - truth).abs())),
+        bias: mean(answers.iter().map(|(d, _, truth, _)| d - truth)),
+        far: share(&|(d, _, truth, _)| (d - truth).abs() > FAR),
+        coverage: share(&|(d, sigma, truth, _)| (d - truth).abs() <= 2.0 * sigma + SLACK),
+        reckless: share(&|(_, sigma, truth, clearance)| clearance - truth > 3.0 * sigma),
     }
 }
 

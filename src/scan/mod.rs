@@ -9,6 +9,7 @@ mod laser;
 mod noise;
 mod returns;
 
+pub(crate) use evidence::mark_center;
 pub use evidence::{Evidence, SUBCELLS, Seen};
 pub use laser::{LaserScan, Noise};
 pub use noise::{CovarianceJet, ReturnNoise};

@@ -12,9 +12,9 @@ use uuid::Uuid;
 use super::Workshop;
 use crate::fit::{self, FitError, Weighting, fit, fit_published_vector, fit_vector};
 use crate::jobs::{Distance, JobRequest, MapRecord, ProblemReport, Progress, RequestError};
-use crate::map::{ArchiveError, FittedMap, factors_to_npz};
+use crate::map::{ArchiveError, FittedMap, MapError, factors_to_npz};
 use crate::store::{Artifacts, ArtifactsError, Claim, MAX_ATTEMPTS, StoreError};
-use crate::uncertainty::{Factors, UncertaintyError};
+use crate::uncertainty::Factors;
 
 /// How often the lease is renewed and progress carried to the store.
 const HEARTBEAT: Duration = Duration::from_millis(500);
@@ -32,7 +32,7 @@ enum AttemptError {
     #[error(transparent)]
     Fit(FitError),
     #[error(transparent)]
-    Uncertainty(#[from] UncertaintyError),
+    Map(#[from] MapError),
     #[error(transparent)]
     Archive(#[from] ArchiveError),
     #[error(transparent)]
@@ -61,14 +61,14 @@ impl AttemptError {
     fn problem(&self) -> ProblemReport {
         let (slug, title) = match self {
             Self::Fit(FitError::NoEvidence) => ("no-evidence", "The scans say nothing about the map's area"),
-            Self::Fit(_) | Self::Uncertainty(_) => ("fit-failed", "The map could not be fitted"),
+            Self::Fit(_) | Self::Map(_) => ("fit-failed", "The map could not be fitted"),
             Self::Panic(_) => ("solver-panicked", "The solver failed in a way it should not"),
             _ => ("internal-error", "The job could not be finished"),
         };
         ProblemReport {
             r#type: format!("/problems/{slug}"),
             title: title.into(),
-            status: if matches!(self, Self::Fit(_) | Self::Uncertainty(_)) { 422 } else { 500 },
+            status: if matches!(self, Self::Fit(_) | Self::Map(_)) { 422 } else { 500 },
             detail: self.to_string(),
         }
     }
@@ -177,14 +177,14 @@ pub enum FitFailure {
     #[error(transparent)]
     Fit(#[from] FitError),
     #[error(transparent)]
-    Uncertainty(#[from] UncertaintyError),
+    Map(#[from] MapError),
 }
 
 impl From<FitFailure> for AttemptError {
     fn from(failure: FitFailure) -> Self {
         match failure {
             FitFailure::Fit(error) => error.into(),
-            FitFailure::Uncertainty(error) => error.into(),
+            FitFailure::Map(error) => error.into(),
         }
     }
 }

@@ -161,11 +161,11 @@ pub fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
 }
 
-/// `MAPFIT_DATA`, or a note that the test was skipped.
+/// `MAPFIT_RECORDINGS`, or a note that the test was skipped.
 pub fn shared_data(test: &str) -> Option<std::path::PathBuf> {
-    let folder = std::env::var_os("MAPFIT_DATA");
+    let folder = std::env::var_os("MAPFIT_RECORDINGS");
     if folder.is_none() {
-        eprintln!("SKIPPED {test}: MAPFIT_DATA is not set");
+        eprintln!("SKIPPED {test}: MAPFIT_RECORDINGS is not set");
     }
     folder.map(|folder| Path::new(env!("CARGO_MANIFEST_DIR")).join(folder))
 }

@@ -8,7 +8,7 @@ use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
 use crate::geometry::Vec2;
-use crate::map::FittedMap;
+use crate::map::Chart;
 
 /// Ends this many cells apart are joined.
 const REACH: f64 = 1.0;
@@ -19,19 +19,19 @@ const WITHIN: f64 = 0.5;
 type End = usize;
 
 /// The lines, joined where they broke off inside a wall.
-pub(super) fn bridged(map: &FittedMap, lines: Vec<Vec<Vec2>>) -> Vec<Vec<Vec2>> {
+pub(super) fn bridged(chart: Chart<'_>, lines: Vec<Vec<Vec2>>) -> Vec<Vec<Vec2>> {
     let place = |end: End| lines[end / 2][if end.is_multiple_of(2) { 0 } else { lines[end / 2].len() - 1 }];
     let open = (0..2 * lines.len()).filter(|end| place(end - end % 2) != place(end - end % 2 + 1));
     let tree: RTree<GeomWithData<[f64; 2], End>> =
         RTree::bulk_load(open.clone().map(|end| GeomWithData::new(place(end).into(), end)).collect());
-    let reach = REACH * map.lattice().resolution;
+    let reach = REACH * chart.field.lattice().resolution;
     let mut pairs: Vec<(f64, End, End)> = open
         .flat_map(|end| {
             let near = tree.locate_within_distance(place(end).into(), reach * reach);
             near.map(move |other| (end, other.data)).collect::<Vec<_>>()
         })
         .filter(|(end, other)| end < other && end / 2 != other / 2)
-        .filter(|(end, other)| is_wall_between(map, place(*end), place(*other)))
+        .filter(|(end, other)| is_wall_between(chart, place(*end), place(*other)))
         .map(|(end, other)| ((place(end) - place(other)).norm(), end, other))
         .collect();
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
@@ -45,10 +45,10 @@ pub(super) fn bridged(map: &FittedMap, lines: Vec<Vec<Vec2>>) -> Vec<Vec<Vec2>> 
     chained(&lines, &partner)
 }
 
-fn is_wall_between(map: &FittedMap, a: Vec2, b: Vec2) -> bool {
+fn is_wall_between(chart: Chart<'_>, a: Vec2, b: Vec2) -> bool {
     [0.25, 0.5, 0.75].map(|share| a + (b - a) * share).into_iter().all(|p| {
-        map.evidence.at(map.lattice(), p).surface
-            && map.field.value(p).is_some_and(|length| length <= WITHIN * map.lattice().resolution)
+        chart.evidence.at(chart.field.lattice(), p).surface
+            && chart.field.value(p).is_some_and(|length| length <= WITHIN * chart.field.lattice().resolution)
     })
 }
 

@@ -1,0 +1,168 @@
+//! The surfaces a map says there are, and the distance to them.
+//!
+//! A vector field describes surfaces well and the space between them badly: where it jumps, at the cut locus, a spline
+//! passes through zero, and that is where robots drive. So distance is a property of the *surfaces*. They are kept as
+//! [`Facet`]s, short straight pieces: of a vector map the surfels, each moved along its normal to where the field
+//! vanishes as seen from its own side (a thin wall has two faces, and between them the field is nearly zero all over);
+//! of a signed map the pieces of its zero lines. A distance is that to the nearest point `q` of any facet, along
+//! `d = (p - q) / |p - q|`, and its variance
+//!
+//! ```text
+//! (n.d)^2 sigma^2 + (t.d)^2 (END h)^2
+//! ```
+//!
+//! with `n`, `t` the facet's normal and tangent, `sigma` the field's standard deviation across it, and the second term
+//! for where the surface ends: somewhere between two beams. Where surfaces in other directions are nearly as near, the
+//! distance is the least of several uncertain ones, whose spread is Clark's (1961).
+
+mod bridges;
+pub(crate) mod level;
+pub(crate) mod lines;
+pub(crate) mod samples;
+mod simple;
+mod walls;
+
+use rstar::RTree;
+use rstar::primitives::{GeomWithData, Line};
+
+use super::Field;
+use super::query::normal_cdf;
+use crate::fit::Surfels;
+use crate::geometry::{Vec2, nearest_on_segment, turned};
+use crate::uncertainty::Kind;
+
+/// Where a surface ends is known to this many cells (one standard deviation).
+const END: f64 = 0.15;
+/// Surfaces whose directions have a cosine below this are different ones.
+const RIVAL: f64 = 0.5;
+
+/// A straight piece of surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Facet {
+    /// Metres.
+    pub ends: [Vec2; 2],
+    /// The standard deviation of its place across itself, metres: propagated, posterior.
+    pub sigma: [f64; 2],
+    /// Whether the surface ends at either end.
+    pub open: [bool; 2],
+}
+
+/// A map's facets and an index over them; see the module.
+#[derive(Debug, Clone)]
+pub struct Surfaces {
+    facets: Vec<Facet>,
+    tree: RTree<GeomWithData<Line<[f64; 2]>, usize>>,
+    /// The lattice's, metres.
+    resolution: f64,
+}
+
+/// The surface point nearest to a place, and what is known of the distance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Foot {
+    pub point: Vec2,
+    /// Metres.
+    pub distance: f64,
+    /// Its standard deviation, metres.
+    pub sigma: f64,
+    /// The unit vector away from the surface; across it where the place lies on it.
+    pub away: Vec2,
+}
+
+impl Surfaces {
+    /// The surfels of a vector field, moved to where it vanishes.
+    pub fn of_surfels(field: &Field, surfels: &Surfels) -> Self {
+        let facets = surfels.all.iter().filter_map(|surfel| {
+            let (a, b) = surfel.ends();
+            let vector = field.vector(surfel.anchor)?.vector;
+            let step = surfel.normal * surfel.normal.dot(&vector);
+            let sigma = KINDS.map(|kind| field.sigma_along(surfel.anchor, surfel.normal, kind));
+            let open = surfel.goes_on.map(|goes_on| !goes_on);
+            Some(Facet { ends: [a - step, b - step], sigma: [sigma[0]?, sigma[1]?], open })
+        });
+        Self::new(facets.collect(), field.lattice().resolution)
+    }
+
+    /// The pieces of lines on which a field vanishes.
+    pub fn of_lines(field: &Field, lines: &[Vec<Vec2>]) -> Self {
+        let resolution = field.lattice().resolution;
+        let facets = lines.iter().flat_map(|line| {
+            let line = simple::simplified(line, TOLERANCE * resolution, 0.5 * resolution);
+            let (closed, last) = (line.first() == line.last(), line.len().saturating_sub(2));
+            let facet = move |(k, pair): (usize, &[Vec2])| {
+                let middle = 0.5 * (pair[0] + pair[1]);
+                let sigma = KINDS.map(|kind| field.across(middle, kind).map(|(_, sigma)| sigma));
+                let open = [!closed && k == 0, !closed && k == last];
+                Some(Facet { ends: [pair[0], pair[1]], sigma: [sigma[0]?, sigma[1]?], open })
+            };
+            line.windows(2).enumerate().filter_map(facet).collect::<Vec<_>>()
+        });
+        Self::new(facets.collect(), resolution)
+    }
+
+    /// Surfaces from their facets. `resolution` is the lattice's.
+    pub fn new(mut facets: Vec<Facet>, resolution: f64) -> Self {
+        facets.retain(|facet| facet.ends[0] != facet.ends[1]);
+        let places = facets.iter().enumerate().map(|(k, facet)| {
+            let [a, b] = facet.ends;
+            GeomWithData::new(Line::new(a.into(), b.into()), k)
+        });
+        Self { tree: RTree::bulk_load(places.collect()), facets, resolution }
+    }
+
+    pub fn facets(&self) -> &[Facet] {
+        &self.facets
+    }
+
+    /// The nearest surface point; `None` where the map has no surface.
+    pub fn foot(&self, p: Vec2, kind: Kind) -> Option<Foot> {
+        let nearest = self.tree.nearest_neighbor(p.into())?;
+        let own = self.facets[nearest.data].foot(p, kind, self.resolution);
+        let reach = own.distance + 3.0 * own.sigma;
+        let rival = self
+            .tree
+            .locate_within_distance(p.into(), reach * reach)
+            .map(|other| self.facets[other.data].foot(p, kind, self.resolution))
+            .filter(|other| other.away.dot(&own.away) < RIVAL)
+            .min_by(|a, b| a.distance.total_cmp(&b.distance));
+        Some(rival.map_or(own, |rival| own.least_with(&rival)))
+    }
+}
+
+const KINDS: [Kind; 2] = [Kind::Propagated, Kind::Posterior];
+/// Lines may deviate by this share of a cell from how they were traced.
+const TOLERANCE: f64 = 0.004;
+
+impl Facet {
+    pub fn sigma(&self, kind: Kind) -> f64 {
+        self.sigma[usize::from(kind == Kind::Posterior)]
+    }
+
+    fn foot(&self, p: Vec2, kind: Kind, resolution: f64) -> Foot {
+        let [a, b] = self.ends;
+        let point = nearest_on_segment(p, a, b);
+        let along = (b - a).normalize();
+        let distance = (p - point).norm();
+        let away = (p - point).try_normalize(1e-9).unwrap_or(turned(along));
+        let across = self.sigma(kind);
+        let at_end = (point == a && self.open[0]) || (point == b && self.open[1]);
+        let tangential = if at_end { END * resolution } else { across };
+        let (n, t) = (turned(along).dot(&away), along.dot(&away));
+        Foot { point, distance, sigma: (n * across).hypot(t * tangential), away }
+    }
+}
+
+impl Foot {
+    /// The least of two uncertain distances, independent ones (Clark 1961). The place stays the nearer one's.
+    fn least_with(&self, other: &Self) -> Self {
+        let spread = self.sigma.hypot(other.sigma);
+        let gap = (other.distance - self.distance) / spread;
+        let density = (-0.5 * gap * gap).exp() / std::f64::consts::TAU.sqrt();
+        let below = normal_cdf(gap);
+        // Moments about the nearer distance, so that nothing large cancels.
+        let farther = other.distance - self.distance;
+        let mean = farther * (1.0 - below) - spread * density;
+        let second = self.sigma.powi(2) * below + (farther.powi(2) + other.sigma.powi(2)) * (1.0 - below)
+            - farther * spread * density;
+        Self { sigma: (second - mean * mean).sqrt(), ..*self }
+    }
+}
