@@ -1,30 +1,19 @@
 //! Control points only where there is evidence: what is left out, and what that changes where something was seen.
 
-use std::ops::ControlFlow;
-
-use mapfit::fit::{FitOptions, fit, fit_vector};
+use mapfit::fit::{Distance, FitOptions};
 use mapfit::geometry::{Bounds, Vec2};
-use mapfit::map::FittedMap;
+use mapfit::map::{FittedMap, Survey};
 use mapfit::sim::Scenario;
-use mapfit::spline::Lattice;
 use mapfit::uncertainty::Kind;
 
 /// Experiment 1's room in the corner of a square twice as wide, most of which nobody saw.
 fn fitted(band: Option<f64>, vector: bool) -> FittedMap {
     let scenario = Scenario::experiment_one();
     let bounds = Bounds { min: [-4.0, -4.0], max: [12.0, 12.0] };
-    let lattice = Lattice::covering(&bounds, scenario.resolution, 20_000).unwrap();
-    let options = FitOptions { band, ..Default::default() };
-    let (scans, noise) = (scenario.scans(3), scenario.noise);
-    let mut go = |_: &mapfit::fit::Progress| ControlFlow::Continue(());
-    match vector {
-        false => FittedMap::finish(fit(&scans, &noise, &lattice, &options, &mut go).unwrap(), noise, || 0.0),
-        true => {
-            FittedMap::finish_vector(fit_vector(&scans, &noise, &lattice, &options, &mut go).unwrap(), noise, || 0.0)
-        }
-    }
-    .unwrap()
-    .0
+    let scans = scenario.scans(3);
+    let survey = Survey::new(&scans, scenario.noise).resolution(scenario.resolution).bounds(bounds);
+    let distance = if vector { Distance::Vector } else { Distance::Signed };
+    survey.distance(distance).options(FitOptions { band, ..Default::default() }).map().unwrap()
 }
 
 /// The largest change of distance (metres) and of sigma (a share) at points a quarter of a metre apart that some beam

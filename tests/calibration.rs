@@ -1,13 +1,9 @@
 //! Uncertainty that can be trusted where it is hard: poses five times as wrong as in experiment 1.
 //! `docs/calibration.md` is the whole study, 120 draws a case; this is its sentinel.
 
-use std::ops::ControlFlow;
-
-use mapfit::fit::{FitOptions, fit};
 use mapfit::geometry::{Pose, wrap_angle};
-use mapfit::map::FittedMap;
+use mapfit::map::Survey;
 use mapfit::sim::Scenario;
-use mapfit::spline::Lattice;
 use mapfit::uncertainty::Kind;
 
 const DRAWS: u64 = 40;
@@ -28,10 +24,8 @@ fn study(scenario: &Scenario) -> Study {
     let (mut held, mut poses_held, mut error, mut rms) = (vec![], vec![], [[0.0; 2]; 2], vec![]);
     for seed in 0..DRAWS {
         let scans = scenario.scans(500 + seed);
-        let lattice = Lattice::covering(&scenario.bounds, scenario.resolution, 10_000).unwrap();
-        let options = FitOptions::default();
-        let fitted = fit(&scans, &scenario.noise, &lattice, &options, &mut |_| ControlFlow::Continue(())).unwrap();
-        let (map, _) = FittedMap::finish(fitted, scenario.noise, || 0.0).unwrap();
+        let survey = Survey::new(&scans, scenario.noise).resolution(scenario.resolution).bounds(scenario.bounds);
+        let map = survey.map().unwrap();
         let at: Vec<(f64, f64)> = boundary.iter().map(|&p| map.distance(p, Kind::Propagated).unwrap()).collect();
         held.extend(at.iter().map(|(u, sigma)| u.abs() <= 2.0 * sigma));
         rms.push((at.iter().map(|(u, _)| u * u).sum::<f64>() / at.len() as f64).sqrt());

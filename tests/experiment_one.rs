@@ -1,22 +1,18 @@
 //! The method's experiment 1, held to the bars: accuracy on exact truth, convergence, and uncertainty by Monte Carlo.
 
-use std::ops::ControlFlow;
-
-use mapfit::fit::{FitOptions, Weighting, fit};
+use mapfit::fit::{FitOptions, Weighting};
 use mapfit::geometry::{Vec2, distance_to_segment};
-use mapfit::map::FittedMap;
+use mapfit::map::{FittedMap, Survey};
 use mapfit::render::contours;
 use mapfit::sim::Scenario;
-use mapfit::spline::Lattice;
 use mapfit::uncertainty::Kind;
 
 fn map_of(scenario: &Scenario, weighting: Weighting, seed: u64) -> FittedMap {
-    let lattice = Lattice::covering(&scenario.bounds, scenario.resolution, 10_000).unwrap();
-    assert_eq!(lattice.len(), 2401);
-    let options = FitOptions { weighting, ..Default::default() };
     let scans = scenario.scans(seed);
-    let fitted = fit(&scans, &scenario.noise, &lattice, &options, &mut |_| ControlFlow::Continue(())).unwrap();
-    FittedMap::finish(fitted, scenario.noise, || 0.0).unwrap().0
+    let survey = Survey::new(&scans, scenario.noise).resolution(scenario.resolution).bounds(scenario.bounds);
+    let map = survey.options(FitOptions { weighting, ..Default::default() }).map().unwrap();
+    assert_eq!(map.lattice().len(), 2401);
+    map
 }
 
 fn median(mut values: Vec<f64>) -> f64 {

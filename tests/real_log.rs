@@ -2,15 +2,12 @@
 
 mod support;
 
-use std::ops::ControlFlow;
 use std::process::Command;
 
-use mapfit::fit::{FitOptions, fit_vector};
-use mapfit::geometry::Bounds;
-use mapfit::map::FittedMap;
+use mapfit::fit::Distance;
+use mapfit::map::Survey;
 use mapfit::render::{OccupancyGrid, Trinary};
 use mapfit::scan::{Noise, returns_of};
-use mapfit::spline::Lattice;
 use mapfit::uncertainty::Kind;
 use support::{Server, shared_data};
 
@@ -64,10 +61,7 @@ fn the_seattle_corridor_as_a_vector_map_fits_the_scans_left_out() {
     let (held, taken): (Vec<_>, Vec<_>) = scans.into_iter().enumerate().partition(|(k, _)| k % 5 == 4);
     let [held, taken] = [held, taken].map(|part| part.into_iter().map(|(_, scan)| scan).collect::<Vec<_>>());
     let noise = Noise { sigma_x: 0.02, sigma_y: 0.02, sigma_theta: 0.005, sigma_range: 0.02 };
-    let bounds = Bounds::around(returns_of(&taken).iter().map(|seen| seen.point)).unwrap().grown(0.6);
-    let lattice = Lattice::covering(&bounds, 0.2, 200_000).unwrap();
-    let fit = fit_vector(&taken, &noise, &lattice, &FitOptions::default(), &mut |_| ControlFlow::Continue(())).unwrap();
-    let map = FittedMap::finish_vector(fit, noise, || 0.0).unwrap().0;
+    let map = Survey::new(&taken, noise).distance(Distance::Vector).map().unwrap();
     let judges = returns_of(&held);
     let mut lengths: Vec<f64> = judges.iter().filter_map(|seen| map.field.value(seen.point)).collect();
     lengths.sort_by(f64::total_cmp);

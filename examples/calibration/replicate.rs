@@ -1,13 +1,11 @@
 //! One draw of the noise, fitted and set against the truth.
 
-use std::ops::ControlFlow;
 use std::time::Instant;
 
-use mapfit::fit::{FitOptions, fit};
+use mapfit::fit::FitOptions;
 use mapfit::geometry::{Pose, Vec2, wrap_angle};
-use mapfit::map::FittedMap;
+use mapfit::map::Survey;
 use mapfit::sim::Scenario;
-use mapfit::spline::Lattice;
 use mapfit::uncertainty::Kind;
 
 /// Where a scenario's maps are judged.
@@ -65,9 +63,8 @@ pub struct Replicate {
 pub fn replicate(scenario: &Scenario, truth: &Truth, options: &FitOptions, seed: u64) -> Replicate {
     let begun = Instant::now();
     let scans = scenario.scans(seed);
-    let lattice = Lattice::covering(&scenario.bounds, scenario.resolution, 1_000_000).expect("a lattice");
-    let fitted = fit(&scans, &scenario.noise, &lattice, options, &mut |_| ControlFlow::Continue(())).expect("a fit");
-    let (map, _) = FittedMap::finish(fitted, scenario.noise, || 0.0).expect("a covariance");
+    let survey = Survey::new(&scans, scenario.noise).resolution(scenario.resolution).bounds(scenario.bounds);
+    let map = survey.options(*options).map().expect("a map");
     let at = |p: Vec2| map.distance(p, Kind::Propagated).unwrap_or((f64::NAN, f64::NAN));
     let error = |pose: &Pose, truth: &Pose| [pose.x - truth.x, pose.y - truth.y, wrap_angle(pose.theta - truth.theta)];
     let poses = truth

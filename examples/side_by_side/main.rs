@@ -17,14 +17,14 @@ use std::path::Path;
 use std::time::Instant;
 
 use mapfit::fit::{
-    Bordered, Curvature, EikonalLoss, FitOptions, Law, Minimum, Newton, Objective, Sightings, StoppingRule, System,
-    Viewpoint, Weighing, fit, signed_nearest_return,
+    Curvature, EikonalLoss, Factor, FitOptions, Law, Minimum, Newton, Objective, Sightings, StoppingRule, System,
+    Viewpoint, Weighing, signed_nearest_return,
 };
 use mapfit::geometry::psd_square_root;
-use mapfit::map::FittedMap;
+use mapfit::map::Survey;
 use mapfit::scan::{Evidence, ReturnNoise, returns_of};
 use mapfit::sim::Scenario;
-use mapfit::sparse::{Cholesky, Stencil, selected_inverse, selected_sandwich};
+use mapfit::sparse::{Cholesky, Pattern, Stencil, selected_inverse, selected_sandwich};
 use mapfit::spline::Lattice;
 
 type Failure = Box<dyn std::error::Error>;
@@ -63,7 +63,7 @@ impl Problem {
         let returns: Vec<_> = returns_of(&scans).into_iter().filter(|r| lattice.locate(r.point).is_some()).collect();
         let evidence = Evidence::gather(&lattice, &scans);
         let stencil = Stencil::of(&lattice);
-        let mut cholesky = Cholesky::analyse(&stencil)?;
+        let mut cholesky = Cholesky::analyse(&Pattern::of_stencil(&stencil))?;
         let start = signed_nearest_return(&lattice, &returns, &evidence, 0.0, &mut cholesky)?;
         let viewpoints: Vec<Viewpoint> = scans
             .iter()
@@ -149,17 +149,18 @@ fn marginals(system: &System, cholesky: &mut Cholesky) -> Result<(), Failure> {
         }
         Ok(best)
     };
-    Bordered::factorise(system, cholesky)?;
+    Factor::factorise(system, cholesky)?;
+    let go_on = |_: f64| true;
     let factorisation = timed(&mut || Ok(cholesky.factorise(&system.hessian)?))?;
-    let posterior = timed(&mut || selected_inverse(cholesky).map(|_| ()).map_err(Into::into))?;
-    let both = timed(&mut || selected_sandwich(cholesky, &system.hessian).map(|_| ()).map_err(Into::into))?;
+    let posterior = timed(&mut || selected_inverse(cholesky, &go_on).map(|_| ()).map_err(Into::into))?;
+    let both = timed(&mut || selected_sandwich(cholesky, &system.hessian, &go_on).map(|_| ()).map_err(Into::into))?;
     println!("# marginals: factorisation {factorisation:.6} posterior {posterior:.6} both {both:.6}");
     Ok(())
 }
 
 /// The marginals where the fit starts, with the convex stand-in: their time depends on the pattern alone.
 fn at_the_start(mut problem: Problem) -> Result<(), Failure> {
-    let mut system = problem.objective.system();
+    let mut system = problem.objective.system(&[]);
     problem.objective.assemble(&problem.start, Curvature::CONVEX, &mut system);
     marginals(&system, &mut problem.cholesky)
 }
@@ -186,15 +187,12 @@ fn inside(problem: &Problem, coefficients: &[f64]) -> f64 {
 
 fn grow(side: f64) -> Result<(), Failure> {
     let scenario = Scenario::comb_office(side);
-    let lattice = Lattice::covering(&scenario.bounds, scenario.resolution, 1_000_000)?;
     let options = FitOptions { poses: Some(mapfit::fit::Poses::Fixed), ..Default::default() };
     let scans = scenario.scans(0);
-    let begun = Instant::now();
-    let fitted = fit(&scans, &scenario.noise, &lattice, &options, &mut |_| ControlFlow::Continue(()))?;
-    let solved = begun.elapsed().as_secs_f64();
-    let (converged, steps) = (fitted.converged, fitted.minimum.factorisations);
-    let (map, _) = FittedMap::finish(fitted, scenario.noise, || 0.0)?;
-    let seconds = begun.elapsed().as_secs_f64();
+    let survey = Survey::new(&scans, scenario.noise).resolution(scenario.resolution).bounds(scenario.bounds);
+    let map = survey.options(options).map()?;
+    let (converged, steps) = (map.report.converged, map.report.factorisations);
+    let (solved, seconds) = (map.report.stages.fitting, map.report.seconds);
     let peak = std::fs::read_to_string("/proc/self/status")?
         .lines()
         .find_map(|line| line.strip_prefix("VmHWM:").map(|rest| rest.trim().trim_end_matches(" kB").to_owned()))

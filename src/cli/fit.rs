@@ -12,7 +12,7 @@ use serde_json::json;
 use super::CliError;
 use super::submit::read_unzipped;
 use crate::jobs::{JobRequest, Limits, Progress, RequestError};
-use crate::map::{ArchiveError, FittedMap, factors_to_npz, on_lattice_npz, scipy_sparse};
+use crate::map::{ArchiveError, FittedMap, factors_npz, on_lattice_npz, scipy_sparse};
 use crate::render::{
     Layer, OccupancyGrid, Overlay, Picture, contours, map_picture, svg_to_png, to_geojson, to_nav2_zip,
 };
@@ -36,11 +36,12 @@ impl FitCommand {
         let progress = Mutex::new(Progress::queued(request.options.max_iterations));
         let bar = ProgressBar::new_spinner().with_message("fitting");
         bar.enable_steady_tick(Duration::from_millis(100));
-        let (map, factors) = fit_request(&request, &progress, &AtomicBool::new(false))?;
+        let map = fit_request(&request, &progress, &AtomicBool::new(false))?;
         bar.finish_and_clear();
         let out = &self.out;
         std::fs::create_dir_all(out).map_err(CliError::io(out.display().to_string()))?;
-        write(out, "factors.npz", &factors_to_npz(map.lattice(), &factors)?)?;
+        let factors = request.factors(&map)?;
+        write(out, "factors.npz", &factors_npz(&factors).map_err(ArchiveError::from)?)?;
         write_map(out, &map, request.name.as_deref().unwrap_or("map"))?;
         let report = &map.report;
         println!(

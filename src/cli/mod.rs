@@ -53,7 +53,9 @@ pub enum CliError {
     #[error(transparent)]
     Artifacts(#[from] crate::store::ArtifactsError),
     #[error(transparent)]
-    Fit(#[from] crate::worker::FitFailure),
+    Survey(#[from] crate::map::SurveyError),
+    #[error(transparent)]
+    Fit(#[from] crate::fit::FitError),
     #[error(transparent)]
     Archive(#[from] crate::map::ArchiveError),
     #[error(transparent)]

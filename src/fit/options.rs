@@ -2,7 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::eikonal::EikonalLoss;
 
 /// Which objective is minimised.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -96,9 +95,8 @@ const MODEL_SIGMA_SHARE: f64 = 0.025;
 const PAPER_EIKONAL: f64 = 0.125;
 
 impl Weights {
-    /// The weights for a lattice of the given resolution. `refinable` says whether refining the poses is affordable;
-    /// `information` is how many times over the returns determine a cell of wall: returns a cell x (h / sigma)^2.
-    pub fn resolve(options: &FitOptions, resolution: f64, refinable: bool, information: f64) -> Self {
+    /// The weights of a signed map for a lattice of the given resolution. `information` is how many times over the returns determine a cell of wall: returns a cell x (h / sigma)^2.
+    pub fn resolve(options: &FitOptions, resolution: f64, information: f64) -> Self {
         // Information per unit of length^4, whose root has the unit of `rho_e`; the thin plate's share has a cell's
         // size.
         let cells = resolution / PLAIN_SPACING;
@@ -120,21 +118,8 @@ impl Weights {
                 smoothing: options.smoothing.unwrap_or(CALIBRATED_SMOOTHING * trust.max(1.0) * cells.powi(2)),
                 observation: "sampson".into(),
                 model_sigma: options.model_sigma.unwrap_or(MODEL_SIGMA_SHARE * resolution),
-                poses: match options.poses {
-                    Some(Poses::Fixed) => Poses::Fixed,
-                    _ if refinable => Poses::Refined,
-                    _ => Poses::Fixed,
-                },
+                poses: options.poses.unwrap_or(Poses::Refined),
             },
         }
-    }
-
-    /// The Eikonal loss over a cell with side `h`.
-    pub(crate) fn eikonal_loss(&self, weighting: Weighting, h: f64) -> EikonalLoss {
-        let weight = match weighting {
-            Weighting::Paper => self.eikonal * 4.0,
-            Weighting::Calibrated => self.eikonal * h * h,
-        };
-        EikonalLoss { weight, scale: self.eikonal_scale }
     }
 }

@@ -9,11 +9,13 @@ use serde_json::json;
 use super::maps::{lattice_json, to_json};
 use super::negotiate::{Format, JSON, NPZ};
 use super::params::Params;
+use super::TENANT;
 use super::problem::Problem;
 use super::representation::{MapRequest, Settled};
+use crate::jobs::JobRequest;
 use crate::map::FittedMap;
-use crate::map::npz::{NpzError, NpzWriter};
-use crate::map::{factors_from_npz, on_lattice_npz, scipy_sparse, write_columns};
+use crate::map::npz::NpzWriter;
+use crate::map::{factors_npz, on_lattice_npz, scipy_sparse};
 use crate::spline::Lattice;
 use crate::uncertainty::{Factors, Kind};
 
@@ -21,8 +23,6 @@ use crate::uncertainty::{Factors, Kind};
 const LARGEST_BLOCK: usize = 1024;
 /// Coefficients of a map whose `full` covariance is given: 128 MB.
 const LARGEST_FULL: usize = 4_000;
-/// Entries of eliminated factors at most; larger maps get the bordered form.
-const LARGEST_REDUCED: usize = 12_000_000;
 
 pub(crate) const KINDS: [(&str, Kind); 2] = [("propagated", Kind::Propagated), ("posterior", Kind::Posterior)];
 
@@ -71,7 +71,7 @@ pub async fn covariance(mut request: MapRequest) -> Result<Response, Problem> {
     ];
     let form = params.choice("form", &forms);
     let window = (form == Form::Block).then(|| window(params, lattice)).flatten();
-    let components = if request.record.distance == "vdf" { 2 } else { 1 };
+    let components = request.record.distance.components();
     let coefficients = components * lattice.len();
     if form == Form::Full && coefficients > LARGEST_FULL {
         params.fault("form", format!("full is for {LARGEST_FULL} coefficients at most; this map has {coefficients}"));
@@ -91,13 +91,18 @@ pub async fn covariance(mut request: MapRequest) -> Result<Response, Problem> {
     };
     let n = wanted.record.lattice.len();
     let points: Vec<usize> = (0..components).flat_map(|k| one.iter().map(move |point| k * n + point)).collect();
-    let bytes = wanted.state.workshop.artifacts.get(&wanted.record.prefix, "factors.npz").await?;
+    let packed = wanted.state.workshop.records.request(TENANT, &wanted.record.job_id).await?;
+    let packed = packed.ok_or_else(|| Problem::not_found("the map's job is gone, and with it what this is formed from"))?;
+    let map = wanted.state.load(&wanted.record).await?;
+    let limits = wanted.state.workshop.limits;
     let make = move || {
-        let factors = factors_from_npz(&bytes)?;
+        let json = zstd::decode_all(&packed[..]).map_err(|error| Problem::internal(&error))?;
+        let request = JobRequest::parse(&json, &limits).map_err(|error| Problem::internal(&error))?;
+        let factors = request.factors(&map).map_err(|error| Problem::internal(&error))?;
         if form == Form::Factors {
             return Ok(factors_npz(&factors)?);
         }
-        dense(&factors, kind, &points, window, format)
+        dense(&factors, &map, kind, &points, window, format)
     };
     let body = wanted.state.compute(make).await?;
     Ok(wanted.respond(body))
@@ -145,14 +150,15 @@ fn diagonal(map: &FittedMap, kind: Kind, format: Format) -> Result<Vec<u8>, Prob
 
 fn dense(
     factors: &Factors,
+    map: &FittedMap,
     kind: Kind,
     points: &[usize],
     window: Option<Window>,
     format: Format,
 ) -> Result<Vec<u8>, Problem> {
     let n = points.len();
-    let mut matrix = factors.block(kind, points)?;
-    let stencil = factors.hessian.stencil();
+    let mut matrix = factors.block(kind, points, &|| true)?;
+    let stencil = map.field.stencil();
     let unused = |k: usize| !stencil.is_active(points[k] % stencil.dimension());
     (0..n * n).filter(|k| unused(k / n) || unused(k % n)).for_each(|k| matrix[k] = f64::NAN);
     if format == NPZ {
@@ -163,18 +169,4 @@ fn dense(
     let rows: Vec<&[f64]> = matrix.chunks(n).collect();
     let window = window.map(|w| json!({"i0": w.i0, "j0": w.j0, "ni": w.ni, "nj": w.nj}));
     to_json(&json!({"kind": kind, "form": "block", "window": window, "matrix": rows}))
-}
-
-/// Hessian and inputs on the control points alone, or, where that would be too much, bordered: control points first,
-/// then `pose_unknowns` more.
-fn factors_npz(factors: &Factors) -> Result<Vec<u8>, NpzError> {
-    let (hessian, inputs, border) = match factors.reduced(LARGEST_REDUCED) {
-        Some(reduced) => (reduced.hessian, reduced.inputs, 0),
-        None => (factors.bordered_hessian(), factors.all_inputs(), factors.coupling.columns()),
-    };
-    let mut npz = NpzWriter::default();
-    write_columns(&mut npz, "hessian", &hessian)?;
-    write_columns(&mut npz, "input", &inputs)?;
-    npz.array("pose_unknowns", &[], &[border as i64])?;
-    npz.finish()
 }

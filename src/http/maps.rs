@@ -17,6 +17,7 @@ use super::params::Params;
 use super::problem::Problem;
 use super::representation::{MapRequest, Settled};
 use super::{AppState, TENANT};
+use crate::fit::Distance;
 use crate::geometry::{Cov3, Pose};
 use crate::jobs::MapRecord;
 use crate::map::FittedMap;
@@ -40,7 +41,8 @@ pub struct MapBody {
     #[schema(format = "date-time")]
     pub created: Option<String>,
     /// `sdf` or `vdf`
-    pub distance: String,
+    #[schema(value_type = String)]
+    pub distance: Distance,
     pub frame_id: &'static str,
     #[schema(value_type = LatticeBody)]
     pub lattice: Value,

@@ -17,7 +17,8 @@ use crate::geometry::{Cov2, Vec2};
 use crate::jobs::Fault;
 use crate::jobs::document::Node;
 use crate::map::npz::{NpzError, NpzWriter};
-use crate::map::{Answer, Field, FittedMap};
+use crate::fit::Distance;
+use crate::map::{Answer, FittedMap};
 use crate::uncertainty::Kind;
 
 /// Points in one query at most.
@@ -143,7 +144,7 @@ pub async fn query(
 
 fn answer(map: &FittedMap, question: &Question) -> QueryAnswer {
     let Question { points, kind, fields } = question;
-    let vector = matches!(map.field, Field::Vector { .. });
+    let vector = map.field.distance() == Distance::Vector;
     let wanted = |name: &str| {
         let at = FIELDS.iter().position(|field| *field == name).unwrap_or(usize::MAX);
         let other = if vector { SIGNED_ALONE } else { VECTOR_ALONE };

@@ -10,4 +10,4 @@ pub mod request;
 
 pub use document::DocumentError;
 pub use record::{Job, JobStatus, MapRecord, ProblemReport, Progress};
-pub use request::{Distance, Fault, JobRequest, Limits, RequestError};
+pub use request::{Fault, JobRequest, Limits, RequestError};

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::fit::Distance;
 use crate::map::FitReport;
 use crate::spline::Lattice;
 
@@ -101,7 +102,7 @@ pub struct MapRecord {
     pub name: Option<String>,
     pub labels: BTreeMap<String, String>,
     pub created: i64,
-    pub distance: String,
+    pub distance: Distance,
     pub lattice: Lattice,
     pub fit: FitReport,
     pub prefix: String,

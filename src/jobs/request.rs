@@ -10,10 +10,12 @@ use thiserror::Error;
 
 use super::document::{DocumentError, Node};
 use super::reader::{FARTHEST, LONGEST_TEXT, Reader};
-use crate::fit::{FitOptions, Poses, Weighting};
+use crate::fit::{self, Distance, End, FitError, FitOptions, Poses, Weighting, pose_unknowns};
 use crate::geometry::{Bounds, Cov3, Pose, Vec2, psd_square_root};
+use crate::map::{FittedMap, Survey};
 use crate::scan::{LaserScan, Noise, returns_of};
 use crate::spline::{Lattice, LatticeError};
+use crate::uncertainty::Factors;
 
 /// One fault of a request.
 #[derive(Debug, Clone, PartialEq)]
@@ -47,15 +49,6 @@ impl Default for Limits {
     }
 }
 
-/// Which distance a map is to hold.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Distance {
-    /// `sdf`: negative in free space.
-    Signed,
-    /// `vdf`: the vector from the nearest surface point.
-    Vector,
-}
-
 /// A request that can be fitted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JobRequest {
@@ -76,6 +69,29 @@ const SIGMAS: (f64, f64) = (1e-6, 1e3);
 const MOST_LABELS: usize = 64;
 
 impl JobRequest {
+    /// What any entry of a map's covariance can be formed from; `map` is this request's.
+    pub fn factors(&self, map: &FittedMap) -> Result<Factors, FitError> {
+        let (coefficients, poses) = map.resume_from();
+        let reported: Vec<f64>;
+        let poses = match (poses, map.report.weights.poses) {
+            // Maps of the first format do not say where their fit's last round began; their poses are next to it.
+            ([], Poses::Refined) => {
+                reported = pose_unknowns(&self.scans, &self.noise, &map.poses)?;
+                &reported
+            }
+            (poses, _) => poses,
+        };
+        let end = End { coefficients: &coefficients, poses };
+        let estimate = fit::resume(&self.scans, &self.noise, self.distance, &self.lattice, &self.options, end)?;
+        Ok(Factors::of(&estimate))
+    }
+
+    /// The fit that is asked for.
+    pub fn survey(&self) -> Survey<'_> {
+        let survey = Survey::new(&self.scans, self.noise).distance(self.distance);
+        survey.lattice(self.lattice.clone()).options(self.options)
+    }
+
     /// Reads and validates a request.
     pub fn parse(json: &[u8], limits: &Limits) -> Result<Self, RequestError> {
         let document = Node::parse(json, limits.values)?;

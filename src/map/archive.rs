@@ -4,23 +4,22 @@
 //! in use), `origin`, `resolution`, both covariances' entries on the stencil (`propagated`, `posterior`: the lower
 //! triangle, column by column; of a vector field with `_xx`, `_xy`, `_yx`, `_yy`), the evidence (`evidence`, 4 x 4
 //! marks a cell), the surfaces (`facets`: the two ends of each, `facet_sigma`: propagated and posterior,
-//! `facet_open`), the poses and the returns. `factors.npz` holds what any covariance entry can be formed from. The
-//! fit's report is JSON inside `map.npz`, as bytes.
+//! `facet_open`), the poses and the returns. Covariances and sigmas are f32: a millionth of a sigma is enough. What any other
+//! entry can be formed from is found again from the job's request and `resume` ([`crate::fit::resume`]). The fit's
+//! report is JSON inside `map.npz`, as bytes.
 
-use faer::Mat;
 use nalgebra::Matrix3;
 use thiserror::Error;
 
-use super::npz::{NpzError, NpzReader, NpzWriter};
 use super::clearance::Clearance;
+use super::field::CellCovariance;
+use super::npz::{NpzError, NpzReader, NpzWriter};
 use super::{Chart, Facet, Field, FitReport, FittedMap, MapError, Surfaces, zero_lines};
 use crate::geometry::{Cov3, Pose, Vec2};
 use crate::scan::{Evidence, Noise, SUBCELLS};
 use crate::sparse::{Stencil, StencilMatrix};
 use crate::spline::{Lattice, Surface};
-use crate::uncertainty::{
-    CompressedColumns, Factors, Kind, Marginals, PoseCovariance, UncertaintyError, VectorCovariance, VectorMarginals,
-};
+use crate::uncertainty::{CompressedColumns, ExportedFactors, Factors, Kind, PoseCovariance};
 
 #[derive(Debug, Error)]
 pub enum ArchiveError {
@@ -30,11 +29,15 @@ pub enum ArchiveError {
     Damaged(&'static str),
     #[error("the map's report is damaged: {0}")]
     Report(#[from] serde_json::Error),
-    #[error(transparent)]
-    Factors(#[from] UncertaintyError),
+    #[error("the map's file has format {0}, which this version does not know")]
+    Format(i64),
     #[error(transparent)]
     Map(#[from] MapError),
 }
+
+/// The version of the file's layout. In the first, which has no `format`, covariances are f64 and hold control points
+/// that are not in use, and surfaces are not kept.
+const FORMAT: i64 = 2;
 
 /// No array of a map is larger than this, unpacked.
 const LARGEST_ARRAY: u64 = 8 << 30;
@@ -60,9 +63,9 @@ impl FittedMap {
             .array("poses", &[self.poses.len(), 3], &poses)?
             .array("returns", &[self.returns.len(), 2], &returns)?
             .array("noise", &[4], &[noise.sigma_x, noise.sigma_y, noise.sigma_theta, noise.sigma_range])?;
-        for (name, matrix) in covariances(&self.field) {
-            npz.array(&name, &[matrix.values.len()], &matrix.values)?;
-        }
+        npz.array("format", &[], &[FORMAT])?;
+        npz.array("resume", &[self.resume.len()], &self.resume)?;
+        write_covariances(&mut npz, &self.field)?;
         for (name, covariances) in pose_covariances(&self.pose_covariance) {
             let flat: Vec<f64> =
                 covariances.iter().flat_map(|c| c.transpose().iter().copied().collect::<Vec<_>>()).collect();
@@ -77,7 +80,12 @@ impl FittedMap {
     pub fn from_npz(bytes: &[u8]) -> Result<Self, ArchiveError> {
         let mut npz = NpzReader::new(bytes, LARGEST_ARRAY)?;
         let lattice = read_lattice(&mut npz)?;
-        let field = read_field(&mut npz, &lattice)?;
+        let format = if npz.has("format") { npz.array::<i64>("format")?.first().copied().unwrap_or(0) } else { 1 };
+        if !(1..=FORMAT).contains(&format) {
+            return Err(ArchiveError::Format(format));
+        }
+        let field = read_field(&mut npz, &lattice, format)?;
+        let resume = if npz.has("resume") { npz.array("resume")? } else { Vec::new() };
         let evidence = Evidence::from_marks(&lattice, npz.array("evidence")?)
             .ok_or(ArchiveError::Damaged("the evidence does not fit the lattice"))?;
         let noise: Vec<f64> = npz.array("noise")?;
@@ -108,6 +116,7 @@ impl FittedMap {
             pose_covariance,
             returns: pairs.chunks_exact(2).map(|p| Vec2::new(p[0], p[1])).collect(),
             noise: Noise { sigma_x, sigma_y, sigma_theta, sigma_range },
+            resume,
         })
     }
 }
@@ -139,24 +148,33 @@ fn read_surfaces(npz: &mut NpzReader<'_>, resolution: f64) -> Result<Surfaces, A
     Ok(Surfaces::new(facets.map(facet).collect(), resolution))
 }
 
-fn covariances(field: &Field) -> Vec<(String, &StencilMatrix)> {
-    match field {
-        Field::Signed { marginals, .. } => {
-            vec![("propagated".into(), &marginals.propagated), ("posterior".into(), &marginals.posterior)]
-        }
-        Field::Vector { marginals, .. } => [("propagated", &marginals.propagated), ("posterior", &marginals.posterior)]
-            .into_iter()
-            .flat_map(|(kind, own)| {
-                PARTS.into_iter().zip(own.parts()).map(move |(part, m)| (format!("{kind}_{part}"), m))
-            })
-            .collect(),
+/// The parts of a covariance by name, in the order of [`CellCovariance::parts`].
+fn part_names(kind: Kind, parts: usize) -> Vec<String> {
+    let kind = if kind == Kind::Propagated { "propagated" } else { "posterior" };
+    match parts {
+        1 => vec![kind.into()],
+        _ => ["xx", "xy", "yx", "yy"].map(|part| format!("{kind}_{part}")).into(),
     }
 }
 
-/// The parts of a vector field's covariance, in the order of [`VectorCovariance::parts`].
-const PARTS: [&str; 4] = ["xx", "xy", "yx", "yy"];
+fn write_covariances(npz: &mut NpzWriter, field: &Field) -> Result<(), NpzError> {
+    for kind in Kind::ALL {
+        let own = &field.covariance(kind).parts;
+        for (name, part) in part_names(kind, own.len()).iter().zip(own) {
+            let stencil = part.stencil();
+            let stored: Vec<f32> = in_use(stencil).map(|at| part.values[at] as f32).collect();
+            npz.array(name, &[stored.len()], &stored)?;
+        }
+    }
+    Ok(())
+}
 
-fn read_field(npz: &mut NpzReader<'_>, lattice: &Lattice) -> Result<Field, ArchiveError> {
+/// The stencil's entries between control points in use.
+fn in_use(stencil: &Stencil) -> impl Iterator<Item = usize> + '_ {
+    stencil.entries().enumerate().filter(|(_, (row, _))| stencil.is_active(*row)).map(|(at, _)| at)
+}
+
+fn read_field(npz: &mut NpzReader<'_>, lattice: &Lattice, format: i64) -> Result<Field, ArchiveError> {
     let names: &[&str] = if npz.has("sdf") { &["sdf"] } else { &["vdf_x", "vdf_y"] };
     let mut surfaces = Vec::new();
     for name in names {
@@ -168,98 +186,48 @@ fn read_field(npz: &mut NpzReader<'_>, lattice: &Lattice) -> Result<Field, Archi
     }
     let active: Vec<bool> = surfaces[0].coefficients.iter().map(|c| c.is_finite()).collect();
     let stencil = if active.contains(&false) { Stencil::over(lattice, active) } else { Stencil::of(lattice) };
-    let mut covariance = |name: &str| -> Result<StencilMatrix, ArchiveError> {
-        let mut matrix = StencilMatrix::zeros(stencil.clone());
-        let values: Vec<f64> = npz.array(name)?;
-        if values.len() != matrix.values.len() {
+    let places: Vec<usize> = if format == 1 { (0..stencil.len()).collect() } else { in_use(&stencil).collect() };
+    let mut part = |name: &String| -> Result<StencilMatrix, ArchiveError> {
+        let values: Vec<f64> = match format {
+            1 => npz.array(name)?,
+            _ => npz.array::<f32>(name)?.into_iter().map(f64::from).collect(),
+        };
+        if values.len() != places.len() {
             return Err(ArchiveError::Damaged("a covariance does not fit the lattice"));
         }
-        matrix.values = values;
+        let mut matrix = StencilMatrix::zeros(stencil.clone());
+        places.iter().zip(values).for_each(|(&at, value)| matrix.values[at] = value);
         Ok(matrix)
     };
-    let mut vector = |kind: &str| -> Result<VectorCovariance, ArchiveError> {
-        let [xx, xy, yx, yy] = PARTS.map(|part| covariance(&format!("{kind}_{part}")));
-        Ok(VectorCovariance { xx: xx?, xy: xy?, yx: yx?, yy: yy? })
+    let parts = surfaces.len() * surfaces.len();
+    let mut covariance = |kind| -> Result<CellCovariance, ArchiveError> {
+        Ok(CellCovariance { parts: part_names(kind, parts).iter().map(&mut part).collect::<Result<_, _>>()? })
     };
-    Ok(match <[Surface; 2]>::try_from(surfaces) {
-        Ok(components) => {
-            let marginals = VectorMarginals { propagated: vector("propagated")?, posterior: vector("posterior")? };
-            Field::Vector { components, marginals: Box::new(marginals) }
-        }
-        Err(mut one) => {
-            let marginals = Marginals { propagated: covariance("propagated")?, posterior: covariance("posterior")? };
-            Field::Signed { surface: one.remove(0), marginals }
-        }
-    })
-}
-
-/// The factors as `factors.npz`: the bordered form, as they are stored.
-pub fn factors_to_npz(lattice: &Lattice, factors: &Factors) -> Result<Vec<u8>, ArchiveError> {
-    let poses: Vec<f64> =
-        factors.poses.iter().flat_map(|block| block.transpose().iter().copied().collect::<Vec<_>>()).collect();
-    let mut npz = NpzWriter::default();
-    npz.array("origin", &[2], &lattice.origin)?
-        .array("resolution", &[], &[lattice.resolution])?
-        .array("cells", &[2], &lattice.cells.map(|n| n as i64))?
-        .array("hessian", &[factors.hessian.values.len()], &factors.hessian.values)?
-        .array("poses", &[factors.poses.len(), 3, 3], &poses)?;
-    let stencil = factors.hessian.stencil();
-    let active: Vec<u8> = (0..lattice.len()).map(|point| u8::from(stencil.is_active(point))).collect();
-    if active.contains(&0) {
-        npz.array("active", &[active.len()], &active)?;
-    }
-    let [rows, modes] = [factors.gauge.nrows(), factors.gauge.ncols()];
-    let gauge: Vec<f64> = (0..rows * modes).map(|k| factors.gauge[(k / modes, k % modes)]).collect();
-    npz.array("gauge", &[rows, modes], &gauge)?;
-    write_columns(&mut npz, "coupling", &factors.coupling)?;
-    write_columns(&mut npz, "input", &factors.inputs)?;
-    if let Some(apart) = &factors.apart {
-        npz.array("apart_hessian", &[apart.hessian.values.len()], &apart.hessian.values)?;
-        write_columns(&mut npz, "apart_input", &apart.inputs)?;
-    }
-    Ok(npz.finish()?)
-}
-
-/// Factors from their `factors.npz`.
-pub fn factors_from_npz(bytes: &[u8]) -> Result<Factors, ArchiveError> {
-    let mut npz = NpzReader::new(bytes, LARGEST_ARRAY)?;
-    let lattice = read_lattice(&mut npz)?;
-    let hessian = npz.array("hessian")?;
-    let poses = read_covariances(&mut npz, "poses")?;
-    let coupling = read_columns(&mut npz, "coupling")?;
-    let inputs = read_columns(&mut npz, "input")?;
-    let flat: Vec<f64> = npz.array("gauge")?;
-    let modes = if flat.is_empty() { 0 } else { flat.len() / (3 * poses.len()).max(1) };
-    let gauge = Mat::from_fn(3 * poses.len(), modes, |row, mode| flat[row * modes + mode]);
-    let stencil = if npz.has("active") {
-        let active: Vec<u8> = npz.array("active")?;
-        if active.len() != lattice.len() {
-            return Err(ArchiveError::Damaged("the active control points do not fit the lattice"));
-        }
-        Stencil::over(&lattice, active.into_iter().map(|mark| mark != 0).collect())
-    } else {
-        Stencil::of(&lattice)
-    };
-    let apart = match npz.has("apart_hessian") {
-        true => {
-            let (hessian, inputs) = (npz.array("apart_hessian")?, read_columns(&mut npz, "apart_input")?);
-            let none = CompressedColumns::new(lattice.len());
-            let own = Factors::from_parts(stencil.clone(), hessian, none, Vec::new(), Mat::zeros(0, 0), inputs)?;
-            Some(Box::new(own))
-        }
-        false => None,
-    };
-    Ok(Factors { apart, ..Factors::from_parts(stencil, hessian, coupling, poses, gauge, inputs)? })
+    Ok(Field::new(surfaces, [covariance(Kind::Propagated)?, covariance(Kind::Posterior)?]))
 }
 
 /// Writes the four arrays of a CSC matrix: `NAME_data`, `NAME_indices`, `NAME_indptr`, `NAME_shape`.
-pub fn write_columns(npz: &mut NpzWriter, name: &str, columns: &CompressedColumns) -> Result<(), NpzError> {
+fn write_columns(npz: &mut NpzWriter, name: &str, columns: &CompressedColumns) -> Result<(), NpzError> {
     let signed = |values: &[usize]| values.iter().map(|&v| v as i64).collect::<Vec<_>>();
     npz.array(&format!("{name}_data"), &[columns.values.len()], &columns.values)?
         .array(&format!("{name}_indices"), &[columns.indices.len()], &signed(&columns.indices))?
         .array(&format!("{name}_indptr"), &[columns.starts.len()], &signed(&columns.starts))?
         .array(&format!("{name}_shape"), &[2], &signed(&[columns.rows, columns.columns()]))?;
     Ok(())
+}
+
+/// Entries of eliminated factors at most; larger maps get the bordered form.
+const LARGEST_REDUCED: usize = 12_000_000;
+
+/// Hessian and inputs on the control points alone, or, where that would be too much, bordered: control points first,
+/// then `pose_unknowns` more.
+pub fn factors_npz(factors: &Factors) -> Result<Vec<u8>, NpzError> {
+    let ExportedFactors { hessian, inputs } = factors.exported(LARGEST_REDUCED);
+    let mut npz = NpzWriter::default();
+    write_columns(&mut npz, "hessian", &hessian)?;
+    write_columns(&mut npz, "input", &inputs)?;
+    npz.array("pose_unknowns", &[], &[(hessian.rows - factors.coefficients()) as i64])?;
+    npz.finish()
 }
 
 /// Arrays of one number a control point, with the lattice's `origin` and `resolution`.
@@ -277,20 +245,14 @@ pub fn on_lattice_npz(lattice: &Lattice, arrays: &[(&str, &[f64])]) -> Result<Ve
 /// writes it. A vector field's has the x coefficients before the y coefficients.
 pub fn scipy_sparse(field: &Field, kind: Kind) -> Result<Vec<u8>, NpzError> {
     let n = field.lattice().len();
-    let mut columns = CompressedColumns::new(match field {
-        Field::Signed { .. } => n,
-        Field::Vector { .. } => 2 * n,
-    });
-    match field {
-        Field::Signed { marginals, .. } => {
-            let own = marginals.of(kind);
-            push_columns(&mut columns, n, [(own, own)]);
+    let own = &field.covariance(kind).parts;
+    let mut columns = CompressedColumns::new(own.len().isqrt() * n);
+    match own.as_slice() {
+        [xx, xy, yx, yy] => {
+            push_columns(&mut columns, n, [(xx, xx), (yx, xy)]);
+            push_columns(&mut columns, n, [(xy, yx), (yy, yy)]);
         }
-        Field::Vector { marginals, .. } => {
-            let own = marginals.of(kind);
-            push_columns(&mut columns, n, [(&own.xx, &own.xx), (&own.yx, &own.xy)]);
-            push_columns(&mut columns, n, [(&own.xy, &own.yx), (&own.yy, &own.yy)]);
-        }
+        parts => parts.iter().for_each(|own| push_columns(&mut columns, n, [(own, own)])),
     }
     let narrow = |values: &[usize]| values.iter().map(|&v| v as i32).collect::<Vec<_>>();
     let mut npz = NpzWriter::default();
@@ -321,26 +283,6 @@ fn push_columns<const K: usize>(into: &mut CompressedColumns, n: usize, blocks: 
         column.sort_unstable_by_key(|&(row, _)| row);
         into.push(column);
     }
-}
-
-fn read_columns(npz: &mut NpzReader<'_>, name: &str) -> Result<CompressedColumns, ArchiveError> {
-    let mut indices = |part: &str| -> Result<Vec<usize>, ArchiveError> {
-        let values: Vec<i64> = npz.array(&format!("{name}_{part}"))?;
-        let unsigned = values.into_iter().map(usize::try_from).collect::<Result<_, _>>();
-        unsigned.map_err(|_| ArchiveError::Damaged("an index is negative"))
-    };
-    let (rows, starts, shape) = (indices("indices")?, indices("indptr")?, indices("shape")?);
-    let values: Vec<f64> = npz.array(&format!("{name}_data"))?;
-    let fits = shape.len() == 2
-        && starts.len() == shape[1] + 1
-        && starts.windows(2).all(|pair| pair[0] <= pair[1])
-        && starts.last() == Some(&values.len())
-        && rows.len() == values.len()
-        && rows.iter().all(|&row| row < shape[0]);
-    if !fits {
-        return Err(ArchiveError::Damaged("a sparse matrix is not one"));
-    }
-    Ok(CompressedColumns { rows: shape[0], starts, indices: rows, values })
 }
 
 fn read_lattice(npz: &mut NpzReader<'_>) -> Result<Lattice, ArchiveError> {

@@ -1,4 +1,5 @@
-//! The field a map holds: a signed distance, or a vector from the nearest surface.
+//! The field a map holds: a signed distance, or a vector from the nearest surface, with the covariance of its
+//! coefficients between control points that share a cell.
 //!
 //! Whatever it is, a query needs the same few things of it at a point: the distance, its gradient and their covariance.
 //! A vector field gives them along its own direction `n`: there `n . V` is a signed distance whose coefficients are
@@ -9,19 +10,30 @@
 
 use nalgebra::SymmetricEigen;
 
+use crate::fit::Distance;
 use crate::geometry::{Cov2, Vec2};
-use crate::sparse::{CellBlock, StencilMatrix};
-use crate::spline::{BasisRow, Lattice, Located, SUPPORT, Surface, dot, gather};
-use crate::uncertainty::{Kind, Marginals, VectorCovariance, VectorMarginals};
+use crate::sparse::{CellBlock, Stencil, StencilMatrix};
+use crate::spline::{BasisRow, Lattice, Located, SUPPORT, Surface, dot};
+use crate::uncertainty::{Kind, Marginals};
 
 /// A vector shorter than this many cells takes its direction from how the field grows.
 const SHORT: f64 = 0.5;
 
-/// A map's field with its covariance.
+/// One covariance of a field on the stencil, square metres: of a signed distance one part; of a vector xx, xy, yx, yy,
+/// where entry (row, column) of xy is between the x coefficient of the row's control point and the y coefficient of the
+/// column's, for rows no lower than columns.
 #[derive(Debug, Clone)]
-pub enum Field {
-    Signed { surface: Surface, marginals: Marginals },
-    Vector { components: [Surface; 2], marginals: Box<VectorMarginals> },
+pub struct CellCovariance {
+    pub parts: Vec<StencilMatrix>,
+}
+
+/// A map's field with its covariances.
+#[derive(Debug, Clone)]
+pub struct Field {
+    /// One component, or two; NaN at control points that are not in use.
+    surfaces: Vec<Surface>,
+    /// Propagated, posterior.
+    covariances: [CellCovariance; 2],
 }
 
 /// A vector field at a point.
@@ -53,48 +65,70 @@ pub(super) struct Local {
     pub covariance: CellBlock,
 }
 
-impl Field {
-    /// `sdf` or `vdf`.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Signed { .. } => "sdf",
-            Self::Vector { .. } => "vdf",
+impl CellCovariance {
+    /// What a query needs of an estimate's marginals.
+    pub fn of(marginals: &Marginals, kind: Kind) -> Self {
+        let own = marginals.of(kind);
+        let k = own.pattern().components();
+        Self { parts: (0..k * k).map(|part| own.stencil_block(part / k, part % k)).collect() }
+    }
+
+    /// The forms of a cell's blocks with one basis row: `[xx]`, or `[xx, xy, yy]`, the cross one being a mean.
+    fn forms(&self, first: usize, row: &[f64; SUPPORT]) -> [f64; 3] {
+        let form = |part: usize| self.parts[part].cell_form(first, row);
+        match self.parts.len() {
+            1 => [form(0), 0.0, 0.0],
+            _ => [form(0), 0.5 * (form(1) + form(2)), form(3)],
         }
+    }
+}
+
+impl Field {
+    /// A field from its components and its covariances, propagated and posterior.
+    pub fn new(surfaces: Vec<Surface>, covariances: [CellCovariance; 2]) -> Self {
+        Self { surfaces, covariances }
+    }
+
+    pub fn distance(&self) -> Distance {
+        if self.surfaces.len() == 1 { Distance::Signed } else { Distance::Vector }
     }
 
     pub fn lattice(&self) -> &Lattice {
-        match self {
-            Self::Signed { surface, .. } => &surface.lattice,
-            Self::Vector { components, .. } => &components[0].lattice,
+        &self.surfaces[0].lattice
+    }
+
+    pub fn covariance(&self, kind: Kind) -> &CellCovariance {
+        &self.covariances[usize::from(kind == Kind::Posterior)]
+    }
+
+    pub fn stencil(&self) -> &Stencil {
+        self.covariances[0].parts[0].stencil()
+    }
+
+    fn names(&self) -> &'static [&'static str] {
+        match self.distance() {
+            Distance::Signed => &["sdf"],
+            Distance::Vector => &["vdf_x", "vdf_y"],
         }
     }
 
     /// The coefficients by the names that the contract gives them; NaN where a control point is not in use.
     pub fn coefficients(&self) -> Vec<(&'static str, &[f64])> {
-        match self {
-            Self::Signed { surface, .. } => vec![("sdf", &surface.coefficients)],
-            Self::Vector { components: [x, y], .. } => vec![("vdf_x", &x.coefficients), ("vdf_y", &y.coefficients)],
-        }
+        let values = self.surfaces.iter().map(|surface| surface.coefficients.as_slice());
+        self.names().iter().copied().zip(values).collect()
     }
 
     /// The coefficients' variances, named as they are, square metres; NaN where a control point is not in use.
     pub fn variances(&self, kind: Kind) -> Vec<(&'static str, Vec<f64>)> {
-        match self {
-            Self::Signed { marginals, .. } => vec![("sdf", masked_diagonal(marginals.of(kind)))],
-            Self::Vector { marginals, .. } => {
-                let own = marginals.of(kind);
-                vec![("vdf_x", masked_diagonal(&own.xx)), ("vdf_y", masked_diagonal(&own.yy))]
-            }
-        }
+        let own = &self.covariance(kind).parts;
+        let diagonals = own.iter().step_by(self.surfaces.len() + 1).map(masked_diagonal);
+        self.names().iter().copied().zip(diagonals).collect()
     }
 
     /// Where a point lies on the lattice; `None` outside it and where no control points are in use.
     pub fn locate(&self, p: Vec2) -> Option<Located> {
-        let stencil = match self {
-            Self::Signed { marginals, .. } => marginals.posterior.stencil(),
-            Self::Vector { marginals, .. } => marginals.posterior.xx.stencil(),
-        };
-        self.lattice().locate(p).filter(|at| stencil.is_active_cell(self.lattice().support(at.cell)[0]))
+        let at = self.lattice().locate(p)?;
+        self.stencil().is_active_cell(self.lattice().support(at.cell)[0]).then_some(at)
     }
 
     /// The vector field at a point; `None` for a signed distance and where no control points are in use.
@@ -103,8 +137,8 @@ impl Field {
     }
 
     fn vector_at(&self, at: &Located) -> Option<VectorAt> {
-        let Self::Vector { components, .. } = self else { return None };
-        let [x, y] = [components[0].jet_at(at), components[1].jet_at(at)];
+        let [x, y] = self.surfaces.as_slice() else { return None };
+        let [x, y] = [x.jet_at(at), y.jet_at(at)];
         let vector = Vec2::new(x.value, y.value);
         let jacobian = Cov2::from_rows(&[x.gradient.transpose(), y.gradient.transpose()]);
         let direction = direction(vector, jacobian, SHORT * self.lattice().resolution);
@@ -113,20 +147,19 @@ impl Field {
 
     /// The field's own value: the distance, negative in free space where it is signed, or the vector's length.
     pub fn value(&self, p: Vec2) -> Option<f64> {
-        match self {
-            Self::Signed { surface, .. } => self.locate(p).map(|at| surface.jet_at(&at).value),
-            Self::Vector { .. } => self.vector(p).map(|at| at.vector.norm()),
-        }
+        self.slope(p).map(|(value, _)| value)
     }
 
     /// The field's own value and its gradient.
     pub fn slope(&self, p: Vec2) -> Option<(f64, Vec2)> {
-        match self {
-            Self::Signed { surface, .. } => {
-                self.locate(p).map(|at| surface.jet_at(&at)).map(|jet| (jet.value, jet.gradient))
+        let at = self.locate(p)?;
+        Some(match self.vector_at(&at) {
+            Some(at) => (at.vector.norm(), at.jacobian.transpose() * at.direction),
+            None => {
+                let jet = self.surfaces[0].jet_at(&at);
+                (jet.value, jet.gradient)
             }
-            Self::Vector { .. } => self.vector(p).map(|at| (at.vector.norm(), at.jacobian.transpose() * at.direction)),
-        }
+        })
     }
 
     /// The field's own value at a point, and its standard deviation along its direction: of a vector field what tells
@@ -134,67 +167,35 @@ impl Field {
     pub fn across(&self, p: Vec2, kind: Kind) -> Option<(f64, f64)> {
         let at = self.locate(p)?;
         let (row, first) = (self.lattice().row(&at).value, self.lattice().support(at.cell)[0]);
-        let (distance, variance) = match self {
-            Self::Signed { surface, marginals } => {
-                (dot(&row, &surface.gather(at.cell)), marginals.of(kind).cell_form(first, &row))
-            }
-            Self::Vector { marginals, .. } => {
-                let vector = self.vector_at(&at)?;
-                let [xx, xy, yy] = marginals.of(kind).forms(first, &row);
-                let n = vector.direction;
-                (vector.vector.norm(), n.x * n.x * xx + 2.0 * n.x * n.y * xy + n.y * n.y * yy)
-            }
-        };
-        Some((distance, variance.max(0.0).sqrt()))
+        let [xx, xy, yy] = self.covariance(kind).forms(first, &row);
+        Some(match self.vector_at(&at) {
+            None => (dot(&row, &self.surfaces[0].gather(at.cell)), xx.sqrt()),
+            Some(vector) => (vector.vector.norm(), along(vector.direction, [xx, xy, yy]).sqrt()),
+        })
     }
 
     /// The standard deviation of a vector field's component along a unit vector.
     pub fn sigma_along(&self, p: Vec2, n: Vec2, kind: Kind) -> Option<f64> {
-        let [xx, xy, yy] = self.vector_covariance(p, kind)?;
-        Some((n.x * n.x * xx + 2.0 * n.x * n.y * xy + n.y * n.y * yy).sqrt())
+        self.vector_covariance(p, kind).map(|forms| along(n, forms).sqrt())
     }
 
     /// The vector's covariance [xx, xy, yy] at a point, square metres.
     pub fn vector_covariance(&self, p: Vec2, kind: Kind) -> Option<[f64; 3]> {
-        let Self::Vector { marginals, .. } = self else { return None };
-        let at = self.locate(p)?;
+        let at = self.locate(p).filter(|_| self.distance() == Distance::Vector)?;
         let first = self.lattice().support(at.cell)[0];
-        Some(marginals.of(kind).forms(first, &self.lattice().row(&at).value))
+        Some(self.covariance(kind).forms(first, &self.lattice().row(&at).value))
     }
 
-    /// What a query needs at a located point.
-    pub(super) fn local(&self, at: &Located, kind: Kind) -> Option<Local> {
+    /// What a query needs of a signed distance at a located point.
+    pub(super) fn local(&self, at: &Located, kind: Kind) -> Local {
         let lattice = self.lattice();
-        let (row, support) = (lattice.row(at), lattice.support(at.cell));
-        match self {
-            Self::Signed { surface, marginals } => {
-                let (coefficients, covariance) = (surface.gather(at.cell), marginals.of(kind).cell(support[0]));
-                Some(Local { row, coefficients, covariance })
-            }
-            Self::Vector { components, marginals } => {
-                let n = self.vector_at(at)?.direction;
-                let [x, y] = [0, 1].map(|axis: usize| gather(&components[axis].coefficients, &support));
-                let coefficients = std::array::from_fn(|k| n.x * x[k] + n.y * y[k]);
-                Some(Local { row, coefficients, covariance: marginals.of(kind).cell_along(support[0], n) })
-            }
-        }
+        let covariance = self.covariance(kind).parts[0].cell(lattice.support(at.cell)[0]);
+        Local { row: lattice.row(at), coefficients: self.surfaces[0].gather(at.cell), covariance }
     }
 }
 
-impl VectorCovariance {
-    /// The forms `[xx, xy, yy]` of a cell's blocks with one basis row.
-    fn forms(&self, first: usize, row: &[f64; SUPPORT]) -> [f64; 3] {
-        let cross = 0.5 * (self.xy.cell_form(first, row) + self.yx.cell_form(first, row));
-        [self.xx.cell_form(first, row), cross, self.yy.cell_form(first, row)]
-    }
-
-    /// The covariance of `n_x c_x + n_y c_y` over a cell.
-    fn cell_along(&self, first: usize, n: Vec2) -> CellBlock {
-        let mut block = CellBlock::ZERO;
-        let weights = [n.x * n.x, n.x * n.y, n.x * n.y, n.y * n.y];
-        self.parts().iter().zip(weights).for_each(|(part, weight)| block.add_scaled(weight, &part.cell(first)));
-        block
-    }
+fn along(n: Vec2, [xx, xy, yy]: [f64; 3]) -> f64 {
+    n.x * n.x * xx + 2.0 * n.x * n.y * xy + n.y * n.y * yy
 }
 
 /// `n`: along the vector, or where that is shorter than `short` the way the field grows fastest, towards it.

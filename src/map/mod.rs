@@ -1,6 +1,6 @@
 //! A fitted map: the surface, its uncertainty, where there is evidence; questions about it, and its files.
 //!
-//! [`FittedMap`] is made from a [`Fit`] or a [`VectorFit`] once; from then on it never changes. Its [`Field`] is a
+//! [`FittedMap`] is made from an [`Estimate`] once; from then on it never changes. [`Survey`] is the way from scans to it. Its [`Field`] is a
 //! signed or a vector distance, its [`Surfaces`] are where that vanishes; `query` answers what lies at a point. [`npz`] is how arrays become files that numpy
 //! opens; `archive` is a map as such files.
 
@@ -10,25 +10,27 @@ mod field;
 pub mod npz;
 mod query;
 mod surfaces;
+mod survey;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-pub use archive::{ArchiveError, factors_from_npz, factors_to_npz, on_lattice_npz, scipy_sparse, write_columns};
-pub use field::{Field, VectorAt};
+pub use archive::{ArchiveError, factors_npz, on_lattice_npz, scipy_sparse};
+pub use field::{CellCovariance, Field, VectorAt};
 pub(crate) use query::normal_cdf;
 pub use query::{Answer, SlopeCovariance};
 pub(crate) use surfaces::level::level_lines;
 pub(crate) use surfaces::lines::zero_lines;
 pub(crate) use surfaces::samples::Samples;
 pub use surfaces::{Facet, Foot, Surfaces};
+pub use survey::{Stage, Step, Survey, SurveyError};
 
 use self::clearance::Clearance;
-use crate::fit::{Fit, Minimum, PublishedVectorFit, Surfels, VectorFit, Weighting, Weights};
+use crate::fit::{Distance, Estimate, Weighting, Weights};
 use crate::geometry::{Pose, Vec2};
 use crate::scan::{Evidence, Noise};
 use crate::spline::Lattice;
-use crate::uncertainty::{Factors, PoseCovariance, UncertaintyError, marginals, published_marginals, vector_marginals};
+use crate::uncertainty::{Kind, PoseCovariance, UncertaintyError, marginals};
 
 /// Why a fit gave no map.
 #[derive(Debug, Error)]
@@ -57,8 +59,14 @@ pub struct FitReport {
     pub observations: usize,
     /// How long the fit and its covariance took.
     pub seconds: f64,
+    /// The same by stage.
+    #[serde(default)]
+    pub stages: StageSeconds,
+    /// Why the fit did not converge, where it did not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unconverged: Option<String>,
     pub weights: Weights,
-    /// Of a vector map: the share of the returns left out because beams of other scans passed where they were.
+    /// The share of the returns left out because beams of other scans passed where they were.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen_through: Option<f64>,
     /// Of a vector map: the share of the space fitted that lies at the cut locus, where the field jumps.
@@ -67,6 +75,13 @@ pub struct FitReport {
     /// The control points in use, where these are not all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub active_control_points: Option<usize>,
+}
+
+/// Seconds a map took, by stage.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct StageSeconds {
+    pub fitting: f64,
+    pub covariance: f64,
 }
 
 /// A field and where there is evidence: a map before its surfaces are traced.
@@ -91,90 +106,39 @@ pub struct FittedMap {
     /// The returns where the fit's poses put them.
     pub returns: Vec<Vec2>,
     pub noise: Noise,
+    /// From which pose unknowns the fit's last round went; see [`crate::fit::resume`].
+    resume: Vec<f64>,
 }
 
 impl FittedMap {
-    /// The map of a fit and the factors of its covariance. `seconds` since the fit began are for the report.
-    pub fn finish(
-        mut fit: Fit,
-        noise: Noise,
-        seconds: impl FnOnce() -> f64,
-    ) -> Result<(Self, Factors), MapError> {
-        let (marginals, pose_covariance) = marginals(&mut fit)?;
-        let factors = Factors::of(&mut fit)?;
-        let lattice = &fit.surface.lattice;
-        let placed = fit.objective.sightings.at(lattice, &fit.unknowns[lattice.len()..]);
-        let mut returns = vec![Vec2::zeros(); fit.objective.sightings.returns.len()];
-        placed.iter().for_each(|sighting| returns[sighting.source] = sighting.seen.point);
-        let minimum = fit.minimum;
-        let stencil = fit.cholesky.stencil();
-        let report = FitReport {
-            active_control_points: Some(stencil.active_len()).filter(|&active| active < stencil.dimension()),
-            ..FitReport::of(fit.weighting, fit.converged, minimum, returns.len(), fit.weights, seconds())
-        };
-        let field = Field::Signed { surface: fit.surface, marginals };
-        Ok((Self::assemble(field, None, fit.evidence, report, (fit.poses, pose_covariance), returns, noise)?, factors))
-    }
-
-    /// The map of a vector fit, likewise.
-    pub fn finish_vector(
-        mut fit: VectorFit,
-        noise: Noise,
-        seconds: impl FnOnce() -> f64,
-    ) -> Result<(Self, Factors), MapError> {
-        let (marginals, pose_covariance) = vector_marginals(&mut fit)?;
-        let factors = Factors::of_vector(&fit);
-        let (weighting, observations) = (Weighting::Calibrated, fit.returns.len());
-        let report = FitReport {
-            seen_through: Some(fit.seen_through),
-            cut_locus: Some(fit.left_out),
-            active_control_points: Some(fit.cholesky.stencil().active_len()),
-            ..FitReport::of(weighting, fit.converged, fit.minimum, observations, fit.weights, seconds())
-        };
-        let field = Field::Vector { components: fit.field, marginals: Box::new(marginals) };
-        let poses = (fit.poses, pose_covariance);
-        Ok((Self::assemble(field, Some(&fit.surfels), fit.evidence, report, poses, fit.returns, noise)?, factors))
-    }
-
-    /// The map of the published vector objective, likewise.
-    pub fn finish_published_vector(
-        mut fit: PublishedVectorFit,
-        poses: Vec<Pose>,
-        noise: Noise,
-        seconds: impl FnOnce() -> f64,
-    ) -> Result<(Self, Factors), MapError> {
-        let (marginals, factors) = published_marginals(&mut fit)?;
-        let (stencil, observations) = (fit.cholesky.stencil(), fit.returns.len());
-        let report = FitReport {
-            active_control_points: Some(stencil.active_len()),
-            ..FitReport::of(Weighting::Paper, false, fit.minimum, observations, fit.weights, seconds())
-        };
-        let field = Field::Vector { components: fit.field, marginals: Box::new(marginals) };
-        let returns = fit.returns.iter().map(|seen| seen.point).collect();
-        let poses = (poses, PoseCovariance::default());
-        Ok((Self::assemble(field, None, fit.evidence, report, poses, returns, noise)?, factors))
-    }
-
-    /// A map from what a fit leaves. Its surfaces are the surfels where there are any, else they are traced.
-    fn assemble(
-        field: Field,
-        surfels: Option<&Surfels>,
-        evidence: Evidence,
-        report: FitReport,
-        (poses, pose_covariance): (Vec<Pose>, PoseCovariance),
-        returns: Vec<Vec2>,
-        noise: Noise,
-    ) -> Result<Self, MapError> {
+    /// The map of an estimate: its covariance, and its surfaces. `go_on` is told which share of the work is done and says
+    /// whether to go on.
+    pub fn of(mut estimate: Estimate, noise: Noise, go_on: &dyn Fn(f64) -> bool) -> Result<Self, MapError> {
+        let (marginals, pose_covariance) = marginals(&mut estimate, &|share| go_on(COVARIANCE_SHARE * share))?;
+        let covariances = Kind::ALL.map(|kind| CellCovariance::of(&marginals, kind));
+        drop(marginals);
+        let report = FitReport::of(&estimate);
+        let Estimate { surfaces, surfels, evidence, poses, returns, resume, .. } = estimate;
+        let field = Field::new(surfaces, covariances);
+        check_determined(&field, &returns)?;
+        if !go_on(COVARIANCE_SHARE) {
+            return Err(UncertaintyError::Cancelled.into());
+        }
         let surfaces = match surfels {
-            Some(surfels) => Surfaces::of_surfels(&field, surfels),
+            Some(surfels) => Surfaces::of_surfels(&field, &surfels),
             None => Surfaces::of_lines(&field, &zero_lines(Chart { field: &field, evidence: &evidence })?),
         };
         let clearance = Clearance::default();
-        Ok(Self { field, evidence, surfaces, clearance, report, poses, pose_covariance, returns, noise })
+        Ok(Self { field, evidence, surfaces, clearance, report, poses, pose_covariance, returns, noise, resume })
     }
 
     pub fn lattice(&self) -> &Lattice {
         self.field.lattice()
+    }
+
+    /// From where [`crate::fit::resume`] finds the fit's end again: coefficients and pose unknowns.
+    pub fn resume_from(&self) -> (Vec<&[f64]>, &[f64]) {
+        (self.field.coefficients().into_iter().map(|(_, values)| values).collect(), &self.resume)
     }
 
     /// What surfaces are traced from.
@@ -183,30 +147,46 @@ impl FittedMap {
     }
 }
 
+/// Refuses a map that knows less of its distance where surfaces were met than that it is on the map.
+fn check_determined(field: &Field, returns: &[Vec2]) -> Result<(), UncertaintyError> {
+    let [width, height] = field.lattice().bounds().size();
+    let worst = returns
+        .iter()
+        .filter_map(|p| Some((field.across(*p, Kind::Posterior)?.1, p)))
+        .max_by(|a, b| a.0.total_cmp(&b.0));
+    match worst {
+        Some((sigma, p)) if !(sigma > 0.0 && sigma <= width.hypot(height)) => {
+            let detail = format!("sigma at ({:.2}, {:.2}), where a surface was met, is {sigma:.1e} m", p.x, p.y);
+            Err(UncertaintyError::IllConditioned { detail })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The covariance's share of what is left to do after a fit.
+const COVARIANCE_SHARE: f64 = 0.95;
+
 impl FitReport {
-    fn of(
-        weighting: Weighting,
-        converged: bool,
-        minimum: Minimum,
-        observations: usize,
-        weights: Weights,
-        seconds: f64,
-    ) -> Self {
+    fn of(estimate: &Estimate) -> Self {
+        let (minimum, stencil) = (estimate.minimum, estimate.system.hessian.pattern().stencil());
         Self {
-            weighting,
-            converged,
+            weighting: estimate.weighting,
+            converged: estimate.converged,
             iterations: minimum.iterations,
             factorisations: minimum.factorisations,
             objective: minimum.objective,
             gradient_norm: minimum.gradient_norm,
             relative_gradient: minimum.relative_gradient,
             positive_definite: minimum.positive_definite,
-            observations,
-            seconds,
-            weights,
-            seen_through: None,
-            cut_locus: None,
-            active_control_points: None,
+            observations: estimate.returns.len(),
+            seconds: 0.0,
+            stages: StageSeconds::default(),
+            unconverged: estimate.unconverged.clone(),
+            weights: estimate.weights.clone(),
+            seen_through: estimate.seen_through,
+            cut_locus: estimate.cut_locus,
+            active_control_points: Some(stencil.active_len())
+                .filter(|&active| estimate.distance == Distance::Vector || active < stencil.dimension()),
         }
     }
 }

@@ -4,7 +4,8 @@
 //! so their covariance is a 16 x 16 block of the stored marginals between three basis rows, and nothing is solved. A
 //! vector map's is that to its surfaces ([`super::surfaces`]); its vector stays the spline's.
 
-use super::{Field, FittedMap};
+use super::FittedMap;
+use crate::fit::Distance;
 use crate::geometry::{Cov2, Vec2};
 use crate::spline::dot;
 use crate::uncertainty::Kind;
@@ -35,7 +36,7 @@ impl FittedMap {
     /// The answer at a point, or `None` outside the lattice and where no control points are in use.
     pub fn query(&self, p: Vec2, kind: Kind) -> Option<Answer> {
         let at = self.field.locate(p)?;
-        if let Field::Vector { .. } = self.field {
+        if self.field.distance() == Distance::Vector {
             let foot = self.surfaces.foot(p, kind)?;
             let vector = self.field.vector(p).map(|at| at.vector).zip(self.field.vector_covariance(p, kind));
             return Some(Answer {
@@ -46,14 +47,14 @@ impl FittedMap {
                 vector,
             });
         }
-        let local = self.field.local(&at, kind)?;
+        let local = self.field.local(&at, kind);
         let (row, block) = (&local.row, &local.covariance);
         let (on_value, on_x, on_y) = (block.times(&row.value), block.times(&row.dx), block.times(&row.dy));
         let xy = dot(&row.dx, &on_y);
         Some(Answer {
             distance: dot(&row.value, &local.coefficients),
             gradient: Vec2::new(dot(&row.dx, &local.coefficients), dot(&row.dy, &local.coefficients)),
-            sigma: dot(&row.value, &on_value).max(0.0).sqrt(),
+            sigma: dot(&row.value, &on_value).sqrt(),
             slopes: Some(SlopeCovariance {
                 gradient: Cov2::new(dot(&row.dx, &on_x), xy, xy, dot(&row.dy, &on_y)),
                 with_distance: Vec2::new(dot(&row.dx, &on_value), dot(&row.dy, &on_value)),
@@ -64,9 +65,9 @@ impl FittedMap {
 
     /// Distance and its standard deviation, or `None` outside the lattice and where no control points are in use.
     pub fn distance(&self, p: Vec2, kind: Kind) -> Option<(f64, f64)> {
-        match self.field {
-            Field::Signed { .. } => self.field.across(p, kind),
-            Field::Vector { .. } => {
+        match self.field.distance() {
+            Distance::Signed => self.field.across(p, kind),
+            Distance::Vector => {
                 let _ = self.field.locate(p)?;
                 self.surfaces.foot(p, kind).map(|foot| (foot.distance, foot.sigma))
             }
@@ -75,9 +76,9 @@ impl FittedMap {
 
     /// Distance and its gradient, likewise.
     pub fn distance_and_gradient(&self, p: Vec2) -> Option<(f64, Vec2)> {
-        match self.field {
-            Field::Signed { .. } => self.field.slope(p),
-            Field::Vector { .. } => {
+        match self.field.distance() {
+            Distance::Signed => self.field.slope(p),
+            Distance::Vector => {
                 let _ = self.field.locate(p)?;
                 self.surfaces.foot(p, Kind::Propagated).map(|foot| (foot.distance, foot.away))
             }

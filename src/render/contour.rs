@@ -10,7 +10,8 @@ use geo_types::{Coord, LineString, MultiLineString, MultiPolygon, Polygon};
 
 use super::RenderError;
 use crate::geometry::{Vec2, turned};
-use crate::map::{Field, FittedMap, Samples, level_lines, zero_lines};
+use crate::fit::Distance;
+use crate::map::{FittedMap, Samples, level_lines, zero_lines};
 use crate::uncertainty::Kind;
 
 /// Ratios beyond this many sigma are all the same.
@@ -31,7 +32,7 @@ pub fn contours(map: &FittedMap, level: f64, sigma_band: Option<f64>, kind: Kind
         0.0 => zero_lines(map.chart())?,
         level => level_lines(map.chart(), level, |p| map.distance_and_gradient(p))?,
     };
-    let vector = matches!(map.field, Field::Vector { .. });
+    let vector = map.field.distance() == Distance::Vector;
     let band = match sigma_band {
         Some(k) if level == 0.0 && vector => {
             let strips = lines.iter().map(|line| Polygon::new(line_string(&strip(map, line, k, kind)), vec![]));

@@ -7,7 +7,8 @@ use super::contour::{Contours, contours};
 use super::figure::{Axes, Figure};
 use super::occupancy::OccupancyGrid;
 use crate::geometry::{Pose, Vec2};
-use crate::map::{Field, FittedMap};
+use crate::fit::Distance;
+use crate::map::FittedMap;
 use crate::uncertainty::Kind;
 
 /// What the colours show.
@@ -75,7 +76,7 @@ pub fn contour_picture(map: &FittedMap, traced: &Contours, width: usize, title: 
 fn distance_layer(map: &FittedMap, figure: &mut Figure) -> Result<(), RenderError> {
     let seen = seen_sample(map, figure.axes, |p| map.distance_and_gradient(p).map(|(u, _)| u));
     let reach = seen.last().copied().unwrap_or(1.0).max(-seen.first().copied().unwrap_or(0.0)).clamp(0.1, 1e6);
-    let signed = matches!(map.field, Field::Signed { .. });
+    let signed = map.field.distance() == Distance::Signed;
     let color = |u: f64| match signed {
         true => shade(colorous::RED_BLUE, 0.5 - 0.5 * u / reach),
         false => shade(colorous::YELLOW_GREEN_BLUE, u / reach),

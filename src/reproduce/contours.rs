@@ -1,16 +1,13 @@
 //! Figures 5 to 8: the fitted room. Zero contour, signed distance, two-sigma bounds at the true boundary, contours by
 //! spacing; with the published objective and with ours.
 
-use std::ops::ControlFlow;
-
-use super::{LARGEST_LATTICE, Plate, ReproduceError, SEED, compared, room};
-use crate::fit::{FitOptions, Weighting, fit};
+use super::{Plate, ReproduceError, SEED, compared, room};
+use crate::fit::{FitOptions, Weighting};
 use crate::geometry::{Bounds, Vec2, distance_to_segment};
-use crate::map::FittedMap;
+use crate::map::{FittedMap, Survey};
 use crate::render::{Axes, Contours, Figure, Layer, Overlay, Picture, Sheet, contours, draw_contours, map_figure};
 use crate::scan::returns_of;
 use crate::sim::Scenario;
-use crate::spline::Lattice;
 use crate::uncertainty::Kind;
 
 /// Draws of the noise from which coverage is taken.
@@ -27,10 +24,10 @@ const CORNER: Bounds = Bounds { min: [7.3, 3.3], max: [8.2, 4.2] };
 pub struct Fits([FittedMap; 2]);
 
 fn fitted(scenario: &Scenario, weighting: Weighting, seed: u64) -> Result<FittedMap, ReproduceError> {
-    let lattice = Lattice::covering(&scenario.bounds, scenario.resolution, LARGEST_LATTICE)?;
     let options = FitOptions { weighting, ..Default::default() };
-    let fit = fit(&scenario.scans(seed), &scenario.noise, &lattice, &options, &mut |_| ControlFlow::Continue(()))?;
-    Ok(FittedMap::finish(fit, scenario.noise, || 0.0)?.0)
+    let scans = scenario.scans(seed);
+    let survey = Survey::new(&scans, scenario.noise).resolution(scenario.resolution).bounds(scenario.bounds);
+    Ok(survey.options(options).map()?)
 }
 
 impl Fits {

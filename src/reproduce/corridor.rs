@@ -1,16 +1,13 @@
 //! Figures 9 and 10: experiment 2, a building as a vector distance map, h = 0.25 m, with Table II noise drawn on the
 //! true poses.
 
-use std::ops::ControlFlow;
-
-use super::{Compared, GridJudgement, LARGEST_LATTICE, Plate, ReproduceError, SEED, Truth, compared};
-use crate::fit::{FitError, FitOptions, Weighting, fit_published_vector, fit_vector};
+use super::{Compared, GridJudgement, Plate, ReproduceError, SEED, Truth, compared};
+use crate::fit::{Distance, FitOptions, Weighting};
 use crate::geometry::{Bounds, Vec2};
 use crate::map::FittedMap;
 use crate::render::{Axes, Figure, Layer, OccupancyGrid, Overlay, Picture, Sheet, draw_poses, map_figure};
 use crate::scan::{LaserScan, Noise, returns_of};
 use crate::sim::{Survey, misplaced};
-use crate::spline::Lattice;
 use crate::uncertainty::Kind;
 
 const RESOLUTION: f64 = 0.25;
@@ -20,26 +17,13 @@ const OBJECTIVES: [&str; 2] = ["published", "calibrated"];
 /// The two figures of one building; `suffix` tells their files from another's.
 pub fn cloud_and_grid(survey: &Survey, suffix: &str, place: &str) -> Result<[Plate; 2], ReproduceError> {
     let scans = misplaced(&survey.scans, &Noise::EXPERIMENT_TWO, SEED);
-    let maps = [published(&scans)?, calibrated(&scans)?];
+    let maps = [fitted(&scans, Weighting::Paper)?, fitted(&scans, Weighting::Calibrated)?];
     Ok([cloud(survey, &scans, suffix, place), grid(survey, &maps, suffix, place)?])
 }
 
-fn lattice(scans: &[LaserScan]) -> Result<Lattice, ReproduceError> {
-    let around = Bounds::around(returns_of(scans).iter().map(|seen| seen.point)).ok_or(FitError::NoEvidence)?;
-    Ok(Lattice::covering(&around.grown(3.0 * RESOLUTION), RESOLUTION, LARGEST_LATTICE)?)
-}
-
-fn calibrated(scans: &[LaserScan]) -> Result<FittedMap, ReproduceError> {
-    let (noise, options) = (Noise::EXPERIMENT_TWO, FitOptions::default());
-    let fit = fit_vector(scans, &noise, &lattice(scans)?, &options, &mut |_| ControlFlow::Continue(()))?;
-    Ok(FittedMap::finish_vector(fit, noise, || 0.0)?.0)
-}
-
-fn published(scans: &[LaserScan]) -> Result<FittedMap, ReproduceError> {
-    let (noise, options) = (Noise::EXPERIMENT_TWO, FitOptions { weighting: Weighting::Paper, ..FitOptions::default() });
-    let fit = fit_published_vector(scans, &noise, &lattice(scans)?, &options, &mut |_| ControlFlow::Continue(()))?;
-    let poses = scans.iter().map(|scan| scan.pose).collect();
-    Ok(FittedMap::finish_published_vector(fit, poses, noise, || 0.0)?.0)
+fn fitted(scans: &[LaserScan], weighting: Weighting) -> Result<FittedMap, ReproduceError> {
+    let survey = crate::map::Survey::new(scans, Noise::EXPERIMENT_TWO).distance(Distance::Vector);
+    Ok(survey.resolution(RESOLUTION).options(FitOptions { weighting, ..FitOptions::default() }).map()?)
 }
 
 fn cloud(survey: &Survey, scans: &[LaserScan], suffix: &str, place: &str) -> Plate {

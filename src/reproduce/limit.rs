@@ -5,7 +5,7 @@ use crate::fit::least_squares;
 use crate::geometry::{Bounds, Vec2};
 use crate::render::{Axes, Figure, Sheet, shade};
 use crate::sim::Scenario;
-use crate::sparse::{Cholesky, Stencil};
+use crate::sparse::{Cholesky, Pattern, Stencil};
 use crate::spline::{Lattice, Surface};
 
 const SPACINGS: [f64; 3] = [0.4, 0.2, 0.1];
@@ -56,7 +56,7 @@ pub fn errors_of_direct_splines(scenario: &Scenario) -> Result<Plate, ReproduceE
 
 fn direct_spline(scenario: &Scenario, h: f64) -> Result<Surface, ReproduceError> {
     let lattice = Lattice::covering(&scenario.bounds, h, LARGEST_LATTICE)?;
-    let mut cholesky = Cholesky::analyse(&Stencil::of(&lattice))?;
+    let mut cholesky = Cholesky::analyse(&Pattern::of_stencil(&Stencil::of(&lattice)))?;
     Ok(least_squares(&lattice, 0.0, &mut cholesky, |_, p| scenario.world.signed_distance(p))?)
 }
 

@@ -20,12 +20,11 @@ use thiserror::Error;
 pub use page::page;
 pub use truth::{DistanceJudgement, GridJudgement, Judgement, Truth};
 
-use crate::fit::FitError;
 use crate::render::RenderError;
 use crate::sim::{Scenario, Survey};
 use crate::sparse::SparseError;
 use crate::spline::LatticeError;
-use crate::map::MapError;
+use crate::map::SurveyError;
 
 /// The draw of the noise that is shown.
 const SEED: u64 = 1;
@@ -69,9 +68,7 @@ pub struct Reproduction {
 #[derive(Debug, Error)]
 pub enum ReproduceError {
     #[error(transparent)]
-    Fit(#[from] FitError),
-    #[error(transparent)]
-    Map(#[from] MapError),
+    Survey(#[from] SurveyError),
     #[error(transparent)]
     Sparse(#[from] SparseError),
     #[error(transparent)]

@@ -125,6 +125,24 @@ impl Evidence {
         self.mark_surfaces(lattice, pieces);
     }
 
+    /// Forgets the surfaces within half a cell of the points `gone`, but for those of the points that stay.
+    pub fn forget_surfaces(
+        &mut self,
+        lattice: &Lattice,
+        gone: impl Iterator<Item = Vec2>,
+        stay: impl Iterator<Item = Vec2>,
+    ) {
+        let mut doubtful = Self { size: self.size, marks: vec![0; self.marks.len()] };
+        doubtful.mark_surfaces(lattice, gone.map(|p| (p, p)));
+        let mut kept = Self { size: self.size, marks: vec![0; self.marks.len()] };
+        kept.mark_surfaces(lattice, stay.map(|p| (p, p)));
+        for ((mark, doubtful), kept) in self.marks.iter_mut().zip(&doubtful.marks).zip(&kept.marks) {
+            if doubtful & SURFACE != 0 && kept & SURFACE == 0 {
+                *mark &= !SURFACE;
+            }
+        }
+    }
+
     fn mark_surfaces(&mut self, lattice: &Lattice, pieces: impl Iterator<Item = (Vec2, Vec2)>) {
         let [width, _] = self.size;
         let near = lattice.resolution / 2.0;

@@ -1,6 +1,6 @@
-//! Sparse Cholesky factorisation of stencil matrices, `P H P^T = L L^T`.
+//! Sparse Cholesky factorisation of matrices on a [`Pattern`], `P H P^T = L L^T`.
 //!
-//! faer's supernodal kernels under the geometric order of [`dissection`]. The symbolic analysis belongs to the lattice
+//! faer's supernodal kernels under the pattern's geometric order. The symbolic analysis belongs to the pattern
 //! and is done once; the factor's values and the work space are allocated once and reused by every step. The
 //! factorisation runs on one thread: two made it slower (supernodes are walked one after another), and one thread gives
 //! the same bits on every machine with the same kernels.
@@ -10,6 +10,7 @@ use std::sync::Arc;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::perm::PermRef;
+use faer::sparse::SparseColMatRef;
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
 use faer::sparse::linalg::cholesky::{
@@ -19,8 +20,8 @@ use faer::sparse::linalg::cholesky::{
 use faer::{Conj, MatMut, Par, Side};
 use thiserror::Error;
 
-use super::dissection;
-use super::stencil::{Stencil, StencilMatrix};
+use super::pattern::Pattern;
+use super::system::Symmetric;
 
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum SparseError {
@@ -28,6 +29,8 @@ pub enum SparseError {
     NotPositiveDefinite,
     #[error("the sparse factorisation could not be set up: {0}")]
     Setup(String),
+    #[error("stopped")]
+    Stopped,
     #[error("a linear solve left a residual of {residual:.1e} relative to its right-hand side")]
     Residual { residual: f64 },
 }
@@ -35,9 +38,9 @@ pub enum SparseError {
 /// How large a relative residual of a solve may be before its answer is refused.
 pub(crate) const LARGEST_RESIDUAL: f64 = 1e-6;
 
-/// A factorisation with its buffers; make one per lattice and refill it.
+/// A factorisation with its buffers; make one per pattern and refill it.
 pub struct Cholesky {
-    stencil: Arc<Stencil>,
+    pattern: Arc<Pattern>,
     symbolic: SymbolicCholesky<usize>,
     values: Vec<f64>,
     scratch: MemBuffer,
@@ -45,13 +48,13 @@ pub struct Cholesky {
 
 impl Cholesky {
     /// The symbolic analysis for a pattern; no values yet.
-    pub fn analyse(stencil: &Arc<Stencil>) -> Result<Self, SparseError> {
-        let order = dissection::order(stencil.size());
+    pub fn analyse(pattern: &Arc<Pattern>) -> Result<Self, SparseError> {
+        let order = pattern.order();
         let mut inverse = vec![0; order.len()];
-        for (step, &point) in order.iter().enumerate() {
-            inverse[point] = step;
+        for (step, &unknown) in order.iter().enumerate() {
+            inverse[unknown] = step;
         }
-        let permutation = PermRef::new_checked(&order, &inverse, order.len());
+        let permutation = PermRef::new_checked(order, &inverse, order.len());
         // Supernodes are what the selected inverse walks, so the simplicial variant is never chosen.
         let params = CholeskySymbolicParams {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
@@ -59,7 +62,7 @@ impl Cholesky {
         };
         let setup = |error: &dyn std::fmt::Debug| SparseError::Setup(format!("{error:?}"));
         let symbolic = factorize_symbolic_cholesky(
-            stencil.symbolic(),
+            pattern.symbolic(),
             Side::Lower,
             SymmetricOrdering::Custom(permutation),
             params,
@@ -70,15 +73,15 @@ impl Cholesky {
             .or(symbolic.solve_in_place_scratch::<f64>(1, Par::Seq));
         let scratch = MemBuffer::try_new(need).map_err(|error| setup(&error))?;
         let values = vec![0.0; symbolic.len_val()];
-        Ok(Self { stencil: stencil.clone(), symbolic, values, scratch })
+        Ok(Self { pattern: pattern.clone(), symbolic, values, scratch })
     }
 
     /// Factorises a matrix on the pattern this was made for.
-    pub fn factorise(&mut self, matrix: &StencilMatrix) -> Result<(), SparseError> {
+    pub fn factorise(&mut self, matrix: &impl Symmetric) -> Result<(), SparseError> {
         self.symbolic
             .factorize_numeric_llt(
                 &mut self.values,
-                matrix.lower(),
+                SparseColMatRef::new(self.pattern.symbolic(), &matrix.lower()),
                 Side::Lower,
                 LltRegularization::default(),
                 Par::Seq,
@@ -95,14 +98,19 @@ impl Cholesky {
         }
     }
 
-    /// The number of control points.
+    /// The number of unknowns.
     pub fn dimension(&self) -> usize {
-        self.stencil.dimension()
+        self.pattern.dimension()
     }
 
     /// The pattern this factorises.
-    pub fn stencil(&self) -> &Arc<Stencil> {
-        &self.stencil
+    pub fn pattern(&self) -> &Arc<Pattern> {
+        &self.pattern
+    }
+
+    /// The number of stored entries of the factor.
+    pub fn fill(&self) -> usize {
+        self.values.len()
     }
 
     /// `log det H` of the matrix last factorised.
@@ -122,7 +130,7 @@ impl Cholesky {
     ///
     /// One step of iterative refinement repairs what rounding lost; a residual that is still not small is an error,
     /// never a silent answer.
-    pub fn solve_checked(&mut self, matrix: &StencilMatrix, b: &[f64]) -> Result<Vec<f64>, SparseError> {
+    pub fn solve_checked(&mut self, matrix: &impl Symmetric, b: &[f64]) -> Result<Vec<f64>, SparseError> {
         let mut x = b.to_vec();
         self.solve(&mut x);
         let mut correction: Vec<f64> = matrix.times(&x).iter().zip(b).map(|(hx, b)| b - hx).collect();
@@ -141,7 +149,7 @@ impl Cholesky {
         Ok(())
     }
 
-    /// The factor's supernodes, and the step at which each control point is eliminated.
+    /// The factor's supernodes, and the step at which each unknown is eliminated.
     pub(crate) fn supernodes(&self) -> Result<(SupernodalLltRef<'_, usize, f64>, &[usize]), SparseError> {
         let permutation = self.symbolic.perm().map(|perm| perm.arrays());
         match (self.supernodal(), permutation) {
@@ -169,7 +177,7 @@ impl Cholesky {
 }
 
 /// `|H x - b| / |b|` in the largest entry.
-pub(crate) fn relative_residual(matrix: &StencilMatrix, x: &[f64], b: &[f64]) -> f64 {
+pub(crate) fn relative_residual(matrix: &impl Symmetric, x: &[f64], b: &[f64]) -> f64 {
     let largest = |worst: f64, v: f64| if v.is_nan() { f64::INFINITY } else { worst.max(v.abs()) };
     let scale = b.iter().copied().fold(0.0, largest);
     let error = matrix.times(x).iter().zip(b).map(|(hx, b)| hx - b).fold(0.0, largest);
@@ -179,7 +187,7 @@ pub(crate) fn relative_residual(matrix: &StencilMatrix, x: &[f64], b: &[f64]) ->
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::sparse::{CellBlock, Stencil};
+    use crate::sparse::{CellBlock, Pattern, Stencil, StencilMatrix};
     use crate::spline::SUPPORT;
     use rand::{RngExt, SeedableRng};
 
@@ -202,7 +210,7 @@ pub(crate) mod tests {
     #[test]
     fn a_solve_meets_its_right_hand_side() {
         let matrix = random_spd([23, 17], 3);
-        let mut cholesky = Cholesky::analyse(matrix.stencil()).unwrap();
+        let mut cholesky = Cholesky::analyse(&Pattern::of_stencil(matrix.stencil())).unwrap();
         cholesky.factorise(&matrix).unwrap();
         let b: Vec<f64> = (0..23 * 17).map(|k| (k as f64).sin()).collect();
         let x = cholesky.solve_checked(&matrix, &b).unwrap();
@@ -212,7 +220,7 @@ pub(crate) mod tests {
     #[test]
     fn an_indefinite_matrix_and_a_nan_are_refused() {
         let mut matrix = random_spd([9, 9], 5);
-        let mut cholesky = Cholesky::analyse(matrix.stencil()).unwrap();
+        let mut cholesky = Cholesky::analyse(&Pattern::of_stencil(matrix.stencil())).unwrap();
         matrix.shift_diagonal(|k| if k == 40 { -1e3 } else { 0.0 });
         assert_eq!(cholesky.factorise(&matrix), Err(SparseError::NotPositiveDefinite));
         matrix.values.fill(f64::NAN);
@@ -222,7 +230,7 @@ pub(crate) mod tests {
     #[test]
     fn the_log_determinant_is_that_of_the_dense_factor() {
         let matrix = random_spd([8, 7], 1);
-        let mut cholesky = Cholesky::analyse(matrix.stencil()).unwrap();
+        let mut cholesky = Cholesky::analyse(&Pattern::of_stencil(matrix.stencil())).unwrap();
         cholesky.factorise(&matrix).unwrap();
         let dense = matrix.to_dense();
         let exact: f64 = dense.llt(Side::Lower).unwrap().L().diagonal().column_vector().iter().map(|l| l.ln()).sum();

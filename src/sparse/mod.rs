@@ -1,19 +1,24 @@
-//! Sparse linear algebra on a lattice.
+//! Sparse linear algebra on a lattice, and on a lattice with poses.
 //!
 //! Two control points interact where they share a cell, so a Hessian couples points at most 3 apart: a 7 x 7 stencil on
-//! a grid. [`StencilMatrix`] stores such a symmetric matrix, [`dissection`] orders the grid so that its Cholesky factor
-//! stays sparse, [`Cholesky`] factorises and solves (faer's supernodal kernels on that order), and
-//! [`selected_inverse`] gives the entries of the inverse on the stencil without ever forming the inverse.
+//! a grid, which [`StencilMatrix`] stores. A [`Pattern`] has one or two such components and the poses that see them, a
+//! [`SystemMatrix`] the values. [`dissection`] orders both so that the Cholesky factor stays sparse, [`Cholesky`]
+//! factorises and solves (faer's supernodal kernels on that order), and [`selected_inverse`] gives the entries of the
+//! inverse on the pattern without ever forming the inverse.
 
 pub mod dissection;
 
 mod block;
 mod cholesky;
+mod pattern;
 mod selected;
 mod stencil;
+mod system;
 
 pub use block::CellBlock;
 pub(crate) use cholesky::LARGEST_RESIDUAL;
 pub use cholesky::{Cholesky, SparseError};
+pub use pattern::{Pattern, Views};
 pub use selected::{selected_inverse, selected_sandwich};
 pub use stencil::{Stencil, StencilMatrix};
+pub use system::{Symmetric, SystemMatrix};

@@ -11,7 +11,6 @@
 use std::sync::Arc;
 
 use faer::Mat;
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 
 use super::block::{CellBlock, PACKED};
 use crate::spline::{Lattice, SUPPORT};
@@ -172,10 +171,20 @@ impl Stencil {
         Some(self.positions[column * SLOTS + slot(di, dj)]).filter(|&position| position != ABSENT)
     }
 
-    /// The pattern as faer reads it: the lower triangle in CSC.
-    pub(crate) fn symbolic(&self) -> SymbolicSparseColMatRef<'_, usize> {
-        let n = self.dimension();
-        SymbolicSparseColMatRef::new_checked(n, n, &self.column_starts, None, &self.rows)
+    /// Adds a block between a cell's control points, which are those of [`Lattice::support`] with `first` the lowest, to
+    /// values in the order of [`Stencil::entries`].
+    #[inline]
+    pub(super) fn add_cell(&self, first: usize, block: &CellBlock, values: &mut [f64]) {
+        let nx = self.size[0];
+        let mut packed = 0;
+        for b in 0..SUPPORT {
+            let column = first + b % 4 + (b / 4) * nx;
+            let positions = &self.positions[column * SLOTS..(column + 1) * SLOTS];
+            for &slot in &CELL_SLOTS[packed..packed + SUPPORT - b] {
+                values[positions[slot]] += block.0[packed];
+                packed += 1;
+            }
+        }
     }
 }
 
@@ -200,16 +209,7 @@ impl StencilMatrix {
     /// Adds a block between a cell's control points, which are those of [`Lattice::support`] with `first` the lowest.
     #[inline]
     pub fn add_cell(&mut self, first: usize, block: &CellBlock) {
-        let nx = self.stencil.size[0];
-        let mut packed = 0;
-        for b in 0..SUPPORT {
-            let column = first + b % 4 + (b / 4) * nx;
-            let positions = &self.stencil.positions[column * SLOTS..(column + 1) * SLOTS];
-            for &slot in &CELL_SLOTS[packed..packed + SUPPORT - b] {
-                self.values[positions[slot]] += block.0[packed];
-                packed += 1;
-            }
-        }
+        self.stencil.add_cell(first, block, &mut self.values);
     }
 
     /// The block between a cell's control points.
@@ -274,11 +274,6 @@ impl StencilMatrix {
             y[column] += sum;
         }
         y
-    }
-
-    /// The matrix as faer reads it: its lower triangle in CSC.
-    pub(crate) fn lower(&self) -> SparseColMatRef<'_, usize, f64> {
-        SparseColMatRef::new(self.stencil.symbolic(), &self.values)
     }
 
     /// The matrix, dense: for references in tests and for small exports.

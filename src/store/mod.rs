@@ -31,6 +31,8 @@ pub enum StoreError {
     Damaged(#[from] serde_json::Error),
     #[error("a stored record is damaged: unknown status {0}")]
     Status(String),
+    #[error("a stored record is damaged: unknown distance {0}")]
+    Distance(String),
 }
 
 /// A job to be accepted.

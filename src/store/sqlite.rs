@@ -16,6 +16,7 @@ use sqlx::{Connection, QueryBuilder, Row, Sqlite, Transaction};
 use uuid::Uuid;
 
 use super::{Cancellation, Claim, JobStore, LEASE, Listing, MAX_ATTEMPTS, NewJob, StoreError, Submission};
+use crate::fit::Distance;
 use crate::jobs::{Job, JobStatus, MapRecord, ProblemReport, Progress};
 
 /// Milliseconds since 1970 by the database's clock.
@@ -249,7 +250,7 @@ impl JobStore for SqliteStore {
         );
         let mut values = insert.separated(", ");
         values.push_bind(&map.id).push_bind(&map.job_id).push_bind(&map.tenant).push_bind(&map.name);
-        values.push_bind(serde_json::to_string(&map.labels)?).push_bind(&map.distance);
+        values.push_bind(serde_json::to_string(&map.labels)?).push_bind(map.distance.name());
         values.push_bind(serde_json::to_string(&map.lattice)?).push_bind(serde_json::to_string(&map.fit)?);
         values.push_bind(bounds.min[0]).push_bind(bounds.min[1]).push_bind(bounds.max[0]).push_bind(bounds.max[1]);
         values.push_bind(&map.prefix).push(NOW);
@@ -391,9 +392,14 @@ fn read_map(row: &SqliteRow) -> Result<MapRecord, StoreError> {
         name: row.try_get("name")?,
         labels: serde_json::from_str(row.try_get("labels")?)?,
         created: row.try_get("created")?,
-        distance: row.try_get("distance")?,
+        distance: distance(row.try_get("distance")?)?,
         lattice: serde_json::from_str(row.try_get("lattice")?)?,
         fit: serde_json::from_str(row.try_get("fit")?)?,
         prefix: row.try_get("prefix")?,
     })
+}
+
+fn distance(name: &str) -> Result<Distance, StoreError> {
+    let known = Distance::ALL.into_iter().find(|distance| distance.name() == name);
+    known.ok_or_else(|| StoreError::Distance(name.to_owned()))
 }

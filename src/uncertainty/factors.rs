@@ -1,363 +1,247 @@
 //! What any entry of either covariance can be formed from: the Hessian in all unknowns, and the inputs' columns.
 //!
-//! `M` is bordered where poses were refined (control points first, then three unknowns a scan), and `B` has a column a
-//! return and three a scan: `propagated = M^-1 B B^T M^-1`, `posterior = 2 M^-1`, both at the control points.
-//! [`Factors::reduced`] eliminates the poses, so that a client deals in control points alone:
+//! [`Factors::block`] solves for a window exactly. [`Factors::exported`] is what a client forms entries from by itself,
+//! with `C = H^-1 B B^T H^-1`: refined poses are eliminated where that does not fill in too much,
 //!
 //! ```text
-//! H' = H - K P^-1 K^T,   B' = B_c - K P^-1 B_e,   propagated = H'^-1 B' B'^T H'^-1,   posterior = 2 H'^-1
+//! H' = H - K P^-1 K^T,   B' = B_c - K P^-1 B_e
 //! ```
 //!
-//! Where the map is a vector field, `M` has its two components one after the other, with one `H` for both.
-//!
-//! That fills in what any scan saw; it is refused where that is too much. The *posterior* has the gauge's share besides
-//! ([`gauge`]): `W U U^T W^T`, `W = H^-1 K`, which the eliminated form has inside `H'`.
+//! else they are three unknowns each behind the coefficients; known poses are columns of `B`.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
-use faer::linalg::solvers::{DenseSolveCore, Solve};
+use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
-use nalgebra::Matrix3;
 
-use super::inputs::{CompressedColumns, for_each_misfit, for_each_return};
-use super::marginals::settle;
-use super::{Kind, UncertaintyError};
-use crate::fit::{Bordered, Fit, Poses, System, pose_block, solve_components};
-use crate::sparse::{Cholesky, Stencil, StencilMatrix};
+use super::marginals::ROUNDING;
+use super::{CompressedColumns, Kind, UncertaintyError};
+use crate::fit::{Estimate, Factor, Poses, System, gauge};
+use crate::sparse::Cholesky;
+use crate::spline::SUPPORT;
 
-/// The Hessian and the inputs of a fit; see the module.
-#[derive(Debug, Clone)]
+/// The Hessian and the inputs of an estimate; see the module.
 pub struct Factors {
-    /// `H`, of each component.
-    pub hessian: StencilMatrix,
-    /// `K`: coefficients (of all components) x pose unknowns.
-    pub coupling: CompressedColumns,
-    /// `P`, block by block, without the gauge's share.
-    pub poses: Vec<Matrix3<f64>>,
-    /// `U` of [`crate::fit::gauge`]: `P` has `2 kappa U U^T` more.
-    pub gauge: Mat<f64>,
-    /// `B`: (coefficients + pose unknowns) x inputs.
-    pub inputs: CompressedColumns,
-    /// A second component with a Hessian and inputs of its own, taken apart from this one (the published vector form).
-    pub apart: Option<Box<Factors>>,
+    system: System,
+    poses: Poses,
+    /// The curvature of the poses' prior.
+    prior: f64,
+    /// All inputs but the poses' reports: unknowns x inputs.
+    inputs: CompressedColumns,
 }
 
-/// See [`Factors::common_motion`]: `m`, `V` on what scans saw, `T`.
-struct CommonMotion {
-    moved: Mat<f64>,
-    pull: Mat<f64>,
-    share: Mat<f64>,
-}
-
-/// Hessian and inputs on the coefficients alone: `propagated = H^-1 B B^T H^-1`, `posterior = 2 H^-1`.
-pub struct Reduced {
+/// Hessian and inputs for a client: `propagated = H^-1 B B^T H^-1`.
+pub struct ExportedFactors {
     pub hessian: CompressedColumns,
     pub inputs: CompressedColumns,
 }
 
 /// Pose unknowns that are eliminated at most: beyond, the dense block between them is what costs.
 const LARGEST_ELIMINATION: usize = 600;
-
-/// Right-hand sides are solved for in blocks of this many.
-const COLUMNS_A_BLOCK: usize = 256;
+/// Right-hand sides are solved for in panels of at most so many numbers.
+const LARGEST_PANEL: usize = 4_000_000;
 
 impl Factors {
-    /// The factors of a fit.
-    pub fn of(fit: &mut Fit) -> Result<Self, UncertaintyError> {
-        settle(fit)?;
-        let (n, refined) = (fit.cholesky.dimension(), fit.weights.poses == Poses::Refined);
-        let unknowns = fit.unknowns.len();
-        let scans = fit.poses.len();
-        let mut inputs = CompressedColumns::new(unknowns);
-        let mut pose_columns = vec![BTreeMap::<usize, [f64; 3]>::new(); scans];
-        for_each_return(fit, |range, pose| {
-            let border = (0..3).map(|a| (n + 3 * range.scan + a, range.by_pose[a]));
-            let own = range.support.iter().copied().zip(range.by_control_points);
-            inputs.push(own.chain(border.filter(|_| refined)));
-            for (k, &row) in pose.support.iter().enumerate() {
-                let entry = pose_columns[pose.scan].entry(row).or_default();
-                (0..3).for_each(|a| entry[a] += pose.by_control_points[a][k]);
-            }
+    /// The factors of an estimate.
+    pub fn of(estimate: &Estimate) -> Self {
+        let pattern = estimate.system.hessian.pattern();
+        let (n, first_pose) = (pattern.stencil().dimension(), pattern.coefficients());
+        let row = pattern.stencil().size()[0];
+        let mut inputs = CompressedColumns::new(pattern.dimension());
+        estimate.inputs.for_each(&mut |input| {
+            let point = |k: usize| input.first + k % 4 + k / 4 * row;
+            let rows = input.by_control_points[..pattern.components()].iter().enumerate();
+            let on_map = rows.flat_map(|(axis, own)| (0..SUPPORT).map(move |k| (axis * n + point(k), own[k])));
+            let on_pose = input.by_pose.into_iter().flat_map(|(pose, own)| {
+                (0..3).map(move |a| (first_pose + 3 * pose + a, own[a]))
+            });
+            inputs.push(on_map.chain(on_pose).filter(|(_, value)| *value != 0.0));
         });
-        for_each_misfit(fit, |support, score| inputs.push(support.iter().copied().zip(*score)));
-        let mut coupling = CompressedColumns::new(n);
-        for (scan, columns) in pose_columns.iter().enumerate() {
-            for a in 0..3 {
-                let own = columns.iter().map(|(&row, values)| (row, values[a]));
-                if refined {
-                    coupling.push(own.clone());
-                    let block = fit.system.poses[scan] - Matrix3::identity() * 2.0;
-                    inputs.push(own.chain((0..3).map(|b| (n + 3 * scan + b, block[(b, a)]))));
-                } else {
-                    inputs.push(own);
-                }
-            }
-        }
-        Ok(Self {
-            hessian: fit.system.hessian.clone(),
-            coupling,
-            poses: fit.system.poses.clone(),
-            gauge: fit.system.gauge.clone(),
-            inputs,
-            apart: None,
-        })
+        Self { system: estimate.system.clone(), poses: estimate.weights.poses, prior: estimate.prior(), inputs }
     }
 
-    /// Factors from their parts, which must fit each other.
-    pub fn from_parts(
-        stencil: Arc<Stencil>,
-        hessian: Vec<f64>,
-        coupling: CompressedColumns,
-        poses: Vec<Matrix3<f64>>,
-        gauge: Mat<f64>,
-        inputs: CompressedColumns,
-    ) -> Result<Self, UncertaintyError> {
-        let n = stencil.dimension();
-        let mut matrix = StencilMatrix::zeros(stencil);
-        if matrix.values.len() != hessian.len() {
-            return Err(UncertaintyError::Malformed("the Hessian has another lattice's size"));
-        }
-        matrix.values = hessian;
-        if coupling.rows == 0 || !coupling.rows.is_multiple_of(n) {
-            return Err(UncertaintyError::Malformed("the border has another lattice's size"));
-        }
-        if coupling.columns() != 3 * poses.len() || inputs.rows != coupling.rows + 3 * poses.len() {
-            return Err(UncertaintyError::Malformed("border and inputs have different numbers of poses"));
-        }
-        if gauge.ncols() > 0 && gauge.nrows() != 3 * poses.len() {
-            return Err(UncertaintyError::Malformed("the gauge has another number of poses"));
-        }
-        Ok(Self { hessian: matrix, coupling, poses, gauge, inputs, apart: None })
-    }
-
-    /// The number of coefficients: control points x components, without those of a component apart.
+    /// The number of coefficients: control points x components.
     pub fn coefficients(&self) -> usize {
-        self.coupling.rows
+        self.system.hessian.pattern().coefficients()
     }
 
-    /// The Hessian's entries between coefficients, both triangles.
-    fn hessian_entries(&self) -> impl Iterator<Item = (usize, usize, f64)> + '_ {
-        let n = self.hessian.stencil().dimension();
-        (0..self.coefficients() / n).flat_map(move |k| {
-            let entries = self.hessian.stencil().entries().zip(&self.hessian.values);
-            entries.flat_map(move |((row, column), &value)| {
-                let lower = Some((k * n + row, k * n + column, value));
-                lower.into_iter().chain((row != column).then_some((k * n + column, k * n + row, value)))
-            })
-        })
-    }
-
-    /// The dense covariance between the given coefficients, row-major, exact.
-    pub fn block(&self, kind: Kind, points: &[usize]) -> Result<Vec<f64>, UncertaintyError> {
-        match &self.apart {
-            Some(apart) => self.block_apart(apart, kind, points),
-            None => self.block_alone(kind, points),
-        }
-    }
-
-    /// [`Factors::block`] of this component.
-    fn block_alone(&self, kind: Kind, points: &[usize]) -> Result<Vec<f64>, UncertaintyError> {
-        let mut cholesky = Cholesky::analyse(self.hessian.stencil())?;
-        let system = self.system();
-        let border = Bordered::factorise(&system, &mut cholesky)?;
-        let (n, m) = (self.coefficients(), points.len());
+    /// The dense covariance between the given coefficients, row-major, exact. `go_on` says whether to go on.
+    pub fn block(
+        &self,
+        kind: Kind,
+        points: &[usize],
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Vec<f64>, UncertaintyError> {
+        let mut cholesky = Cholesky::analyse(self.system.hessian.pattern())?;
+        let factor = Factor::factorise(&self.system, &mut cholesky)?;
+        let answer = factor.answer_to_common_motion().ok_or(UncertaintyError::NoMinimum)?;
+        let (unknowns, m) = (self.system.gradient.len(), points.len());
         let mut result = vec![0.0; m * m];
-        for first in (0..m).step_by(COLUMNS_A_BLOCK) {
-            let width = COLUMNS_A_BLOCK.min(m - first);
-            let mut x = Mat::<f64>::zeros(n + self.coupling.columns(), width);
-            (0..width).for_each(|k| x[(points[first + k], k)] = 1.0);
-            border.solve_block(&cholesky, x.as_mut())?;
-            let scale = match kind {
-                Kind::Posterior => 2.0,
-                Kind::Propagated => {
-                    self.times_input_covariance(&mut x);
-                    border.solve_block(&cholesky, x.as_mut())?;
-                    1.0
-                }
-            };
-            for k in 0..width {
-                for (row, &point) in points.iter().enumerate() {
-                    result[row * m + first + k] = scale * x[(point, k)];
+        let width = (LARGEST_PANEL / unknowns).clamp(1, 256);
+        for first in (0..m).step_by(width) {
+            if !go_on() {
+                return Err(UncertaintyError::Cancelled);
+            }
+            let panel = &points[first..(first + width).min(m)];
+            let mut x = Mat::from_fn(unknowns, panel.len(), |row, k| f64::from(u8::from(row == panel[k])));
+            factor.solve_block(&cholesky, x.as_mut())?;
+            if kind == Kind::Propagated {
+                self.times_input_covariance(&mut x);
+                factor.solve_block(&cholesky, x.as_mut())?;
+            } else {
+                x *= faer::Scale(2.0);
+            }
+            for (k, column) in panel.iter().enumerate() {
+                for (a, &row) in points.iter().enumerate() {
+                    let moved: f64 = (0..answer.ncols()).map(|mode| answer[(row, mode)] * answer[(*column, mode)]).sum();
+                    result[a * m + first + k] = x[(row, k)] + moved;
                 }
             }
-        }
-        if kind == Kind::Posterior {
-            let moved = &border.w * &self.gauge;
-            let on_points = Mat::from_fn(m, self.gauge.ncols(), |k, mode| moved[(points[k], mode)]);
-            let shared = &on_points * on_points.transpose();
-            (0..m * m).for_each(|k| result[k] += shared[(k / m, k % m)]);
         }
         symmetrise(&mut result, m);
         Ok(result)
     }
 
-    /// [`Factors::block`] where there is a component apart: nothing between this one and that.
-    fn block_apart(&self, apart: &Self, kind: Kind, points: &[usize]) -> Result<Vec<f64>, UncertaintyError> {
-        let (n, m) = (self.coefficients(), points.len());
-        let mut result = vec![0.0; m * m];
-        for (own, first) in [(self, 0), (apart, n)] {
-            let of_its: Vec<usize> = (0..m).filter(|&k| (first..first + n).contains(&points[k])).collect();
-            let places: Vec<usize> = of_its.iter().map(|&k| points[k] - first).collect();
-            let block = own.block_alone(kind, &places)?;
-            for (a, &row) in of_its.iter().enumerate() {
-                of_its
-                    .iter()
-                    .enumerate()
-                    .for_each(|(b, &column)| result[row * m + column] = block[a * of_its.len() + b]);
-            }
-        }
-        Ok(result)
-    }
-
-    /// All inputs' columns, those of a component apart below and after.
-    pub fn all_inputs(&self) -> CompressedColumns {
-        match &self.apart {
-            Some(apart) => self.inputs.clone().beside(&apart.inputs),
-            None => self.inputs.clone(),
-        }
-    }
-
-    /// Replaces every column by `B B^T` times it.
+    /// Replaces every column by the inputs' covariance times it, but for the common motion of the reports.
     fn times_input_covariance(&self, x: &mut Mat<f64>) {
-        let mut image = vec![0.0; x.nrows()];
+        let first_pose = self.coefficients();
+        let diagonal = self.system.hessian.diagonal();
+        let gauge = &self.system.gauge;
         for k in 0..x.ncols() {
-            image.fill(0.0);
+            let own: Vec<f64> = (0..x.nrows()).map(|row| x[(row, k)]).collect();
+            let mut image: Vec<f64> = own.iter().zip(&diagonal).map(|(x, d)| ROUNDING.powi(2) * d * x).collect();
+            image[first_pose..].fill(0.0);
             for input in 0..self.inputs.columns() {
-                let share: f64 = self.inputs.column(input).map(|(row, b)| b * x[(row, k)]).sum();
+                let share: f64 = self.inputs.column(input).map(|(row, b)| b * own[row]).sum();
                 self.inputs.column(input).for_each(|(row, b)| image[row] += b * share);
+            }
+            let squared = self.prior.powi(2);
+            image[first_pose..].iter_mut().zip(&own[first_pose..]).for_each(|(image, x)| *image += squared * x);
+            for mode in 0..gauge.ncols() {
+                let along: f64 = own[first_pose..].iter().enumerate().map(|(row, x)| gauge[(row, mode)] * x).sum();
+                image[first_pose..].iter_mut().enumerate().for_each(|(row, v)| *v -= squared * along * gauge[(row, mode)]);
             }
             image.iter().enumerate().for_each(|(row, value)| x[(row, k)] = *value);
         }
     }
 
-    /// The factors with the poses eliminated, or `None` where that would take more than `limit` entries. Whatever any
-    /// scan saw is coupled then: the gauge ties all poses together.
-    pub fn reduced(&self, limit: usize) -> Option<Reduced> {
-        let own = self.reduced_alone(limit)?;
-        let Some(apart) = &self.apart else { return Some(own) };
-        let other = apart.reduced_alone(limit)?;
-        let (hessian, inputs) = (own.hessian.beside(&other.hessian), own.inputs.beside(&other.inputs));
-        Some(Reduced { hessian, inputs })
+    /// What a client needs; see the module. Poses are eliminated where that takes at most `limit` entries.
+    pub fn exported(&self, limit: usize) -> ExportedFactors {
+        match self.poses {
+            Poses::Fixed => self.with_known_poses(),
+            Poses::Refined => self.eliminated(limit).unwrap_or_else(|| self.bordered()),
+        }
     }
 
-    /// [`Factors::reduced`] of this component.
-    fn reduced_alone(&self, limit: usize) -> Option<Reduced> {
-        let (n, unknowns) = (self.coefficients(), self.coupling.columns());
-        let mut seen: Vec<usize> = (0..unknowns).flat_map(|k| self.coupling.column(k)).map(|(row, _)| row).collect();
+    /// The Hessian's columns between all unknowns, both triangles, without the gauge's share.
+    fn columns(&self) -> Vec<BTreeMap<usize, f64>> {
+        let hessian = &self.system.hessian;
+        let mut columns = vec![BTreeMap::new(); hessian.pattern().dimension()];
+        for (row, column, at) in hessian.pattern().entries() {
+            let value = hessian.values()[at];
+            columns[column].insert(row, value);
+            columns[row].insert(column, value);
+        }
+        columns
+    }
+
+    fn with_known_poses(&self) -> ExportedFactors {
+        let n = self.coefficients();
+        let columns = self.columns();
+        let within = |column: &BTreeMap<usize, f64>| column.range(..n).map(|(row, v)| (*row, *v)).collect::<Vec<_>>();
+        let hessian = CompressedColumns::of(n, columns[..n].iter().map(within));
+        let mut inputs = CompressedColumns::new(n);
+        (0..self.inputs.columns()).for_each(|k| inputs.push(self.inputs.column(k)));
+        columns[n..].iter().for_each(|column| inputs.push(within(column)));
+        ExportedFactors { hessian, inputs }
+    }
+
+    /// The reports' columns of `B`, by pose unknowns: `(p I + 2 kappa U U^T)`.
+    fn reports(&self) -> Mat<f64> {
+        let unknowns = self.system.gradient.len() - self.coefficients();
+        let spring = match self.system.gauge.ncols() {
+            0 => Mat::zeros(unknowns, unknowns),
+            _ => gauge::spring(&self.system.gauge),
+        };
+        Mat::from_fn(unknowns, unknowns, |a, b| spring[(a, b)] + if a == b { self.prior } else { 0.0 })
+    }
+
+    fn bordered(&self) -> ExportedFactors {
+        let (n, unknowns) = (self.coefficients(), self.system.gradient.len());
+        let mut columns = self.columns();
+        let reports = self.reports();
+        for (a, b) in (0..unknowns - n).flat_map(|a| (0..unknowns - n).map(move |b| (a, b))) {
+            let spring = reports[(a, b)] - if a == b { self.prior } else { 0.0 };
+            if spring != 0.0 {
+                *columns[n + b].entry(n + a).or_default() += spring;
+            }
+        }
+        let mut inputs = self.inputs.clone();
+        for b in 0..unknowns - n {
+            inputs.push((0..unknowns - n).map(|a| (n + a, reports[(a, b)])).filter(|(_, v)| *v != 0.0));
+        }
+        ExportedFactors { hessian: CompressedColumns::of(unknowns, columns.into_iter().map(|c| c.into_iter().collect())), inputs }
+    }
+
+    /// With the poses eliminated, or `None` where that would take more than `limit` entries. Whatever any scan saw is
+    /// coupled then: the gauge ties all poses together.
+    fn eliminated(&self, limit: usize) -> Option<ExportedFactors> {
+        let (n, unknowns) = (self.coefficients(), self.system.gradient.len() - self.coefficients());
+        let mut columns = self.columns();
+        let mut seen: Vec<usize> =
+            columns[n..].iter().flat_map(|column| column.range(..n).map(|(row, _)| *row)).collect();
         seen.sort_unstable();
         seen.dedup();
         let bordered = |k: usize| self.inputs.column(k).any(|(row, _)| row >= n);
-        let filled = (0..self.inputs.columns()).filter(|&k| bordered(k)).count();
-        let fill = seen.len().saturating_mul(seen.len() + filled);
-        if unknowns > LARGEST_ELIMINATION || fill.saturating_add(self.hessian.values.len()) > limit {
+        let filled = (0..self.inputs.columns()).filter(|&k| bordered(k)).count() + unknowns;
+        if unknowns > LARGEST_ELIMINATION || seen.len().saturating_mul(seen.len() + filled) > limit {
             return None;
         }
         let place = |row: usize| seen.partition_point(|&other| other < row);
-        let mut coupling = Mat::<f64>::zeros(seen.len(), unknowns);
-        for k in 0..unknowns {
-            self.coupling.column(k).for_each(|(row, value)| coupling[(place(row), k)] = value);
-        }
-        // P^-1 K^T: the elimination of both, Hessian and inputs.
-        let image = pose_block(&self.poses, &self.gauge).llt(Side::Lower).ok()?.solve(coupling.transpose());
-        let mut lost = &coupling * &image;
-        let common = self.common_motion(&seen, &coupling, &lost)?;
-        lost += &common.pull * &common.share * common.pull.transpose();
-        let mut hessian = vec![BTreeMap::<usize, f64>::new(); n];
-        self.hessian_entries().for_each(|(row, column, value)| _ = hessian[column].insert(row, value));
-        for (a, &row) in seen.iter().enumerate() {
-            for (b, &column) in seen.iter().enumerate() {
-                // Symmetric to the last bit, whichever way the products were summed.
-                *hessian[column].entry(row).or_default() -= 0.5 * (lost[(a, b)] + lost[(b, a)]);
-            }
-        }
-        let mut columns = CompressedColumns::new(n);
-        hessian.into_iter().for_each(|column| columns.push(column));
-        let mut inputs = CompressedColumns::new(n);
-        for k in 0..self.inputs.columns() {
-            let mut own: BTreeMap<usize, f64> = self.inputs.column(k).filter(|&(row, _)| row < n).collect();
-            for (unknown, share) in self.inputs.column(k).filter(|&(row, _)| row >= n) {
-                for (a, &row) in seen.iter().enumerate() {
-                    *own.entry(row).or_default() -= image[(unknown - n, a)] * share;
+        let (mut coupling, mut block) = (Mat::<f64>::zeros(seen.len(), unknowns), gauge_block(&self.reports(), self.prior));
+        for (k, column) in columns.drain(n..).enumerate() {
+            for (row, value) in column {
+                match row.checked_sub(n) {
+                    Some(pose) => block[(pose, k)] += value,
+                    None => coupling[(place(row), k)] = value,
                 }
             }
-            // B' - V T m^T B'
-            let mut moved = Mat::<f64>::zeros(common.moved.ncols(), 1);
-            for (&row, value) in &own {
-                (0..moved.nrows()).for_each(|mode| moved[(mode, 0)] += common.moved[(row, mode)] * value);
-            }
-            let change = &common.pull * (&common.share * moved);
-            if common.pull.ncols() > 0 {
-                seen.iter().enumerate().for_each(|(a, &row)| *own.entry(row).or_default() -= change[(a, 0)]);
-            }
-            inputs.push(own);
         }
-        Some(Reduced { hessian: columns, inputs })
-    }
-
-    /// The gauge's share of the posterior, `m m^T`, as a change of the eliminated Hessian `H'` (Woodbury):
-    /// `(H'^-1 + m m^T / 2)^-1 = H' - V T V^T` with `V = H' m`, `T = (2 I + m^T V)^-1`. `V` lives where scans saw
-    /// something.
-    fn common_motion(&self, seen: &[usize], coupling: &Mat<f64>, lost: &Mat<f64>) -> Option<CommonMotion> {
-        let (n, modes) = (self.coefficients(), self.gauge.ncols());
-        let mut moved = Mat::<f64>::zeros(n, modes);
-        if modes == 0 {
-            return Some(CommonMotion { moved, pull: Mat::zeros(seen.len(), 0), share: Mat::zeros(0, 0) });
-        }
-        let pushed = coupling * &self.gauge;
-        for (a, &row) in seen.iter().enumerate() {
-            (0..modes).for_each(|k| moved[(row, k)] = pushed[(a, k)]);
-        }
-        let mut cholesky = Cholesky::analyse(self.hessian.stencil()).ok()?;
-        cholesky.factorise(&self.hessian).ok()?;
-        solve_components(&cholesky, moved.as_mut()).ok()?;
-        let on_seen = Mat::from_fn(seen.len(), modes, |a, k| moved[(seen[a], k)]);
-        let pull = pushed - lost * &on_seen;
-        let mut inner = on_seen.transpose() * &pull;
-        (0..modes).for_each(|k| inner[(k, k)] += 2.0);
-        let share = inner.partial_piv_lu().inverse();
-        Some(CommonMotion { moved, pull, share })
-    }
-
-    /// `M` whole, both triangles.
-    pub fn bordered_hessian(&self) -> CompressedColumns {
-        let n = self.coefficients();
-        let mut columns = vec![BTreeMap::<usize, f64>::new(); n + self.coupling.columns()];
-        self.hessian_entries().for_each(|(row, column, value)| _ = columns[column].insert(row, value));
-        for k in 0..self.coupling.columns() {
-            for (row, value) in self.coupling.column(k) {
-                columns[n + k].insert(row, value);
-                columns[row].insert(n + k, value);
+        // P^-1 K^T: the elimination of both, Hessian and inputs.
+        let image = block.llt(Side::Lower).ok()?.solve(coupling.transpose());
+        let lost = &coupling * &image;
+        for (b, &column) in seen.iter().enumerate() {
+            for (a, &row) in seen.iter().enumerate() {
+                // Symmetric to the last bit, whichever way the products were summed.
+                *columns[column].entry(row).or_default() -= 0.5 * (lost[(a, b)] + lost[(b, a)]);
             }
         }
-        let block = pose_block(&self.poses, &self.gauge);
-        for k in 0..block.ncols() {
-            let own = (0..block.nrows()).filter(|&row| row / 3 == k / 3 || self.gauge.ncols() > 0);
-            own.for_each(|row| _ = columns[n + k].insert(n + row, block[(row, k)]));
-        }
-        let mut whole = CompressedColumns::new(columns.len());
-        columns.into_iter().for_each(|column| whole.push(column));
-        match &self.apart {
-            Some(apart) => whole.beside(&apart.bordered_hessian()),
-            None => whole,
-        }
+        let within = |column: BTreeMap<usize, f64>| column.into_iter().filter(|(row, _)| *row < n).collect();
+        let mut inputs = CompressedColumns::new(n);
+        let mut push = |own: &mut dyn Iterator<Item = (usize, f64)>| {
+            let mut reduced = BTreeMap::<usize, f64>::new();
+            for (row, value) in own {
+                match row.checked_sub(n) {
+                    None => *reduced.entry(row).or_default() += value,
+                    Some(pose) => {
+                        for (a, &row) in seen.iter().enumerate() {
+                            *reduced.entry(row).or_default() -= image[(pose, a)] * value;
+                        }
+                    }
+                }
+            }
+            inputs.push(reduced);
+        };
+        (0..self.inputs.columns()).for_each(|k| push(&mut self.inputs.column(k)));
+        let reports = self.reports();
+        (0..unknowns).for_each(|b| push(&mut (0..unknowns).map(|a| (n + a, reports[(a, b)]))));
+        Some(ExportedFactors { hessian: CompressedColumns::of(n, columns.into_iter().map(within)), inputs })
     }
+}
 
-    fn system(&self) -> System {
-        let n = self.coefficients();
-        let mut coupling = Mat::zeros(n, self.coupling.columns());
-        for column in 0..self.coupling.columns() {
-            self.coupling.column(column).for_each(|(row, value)| coupling[(row, column)] = value);
-        }
-        let gradient = vec![0.0; n + coupling.ncols()];
-        System {
-            gradient,
-            hessian: self.hessian.clone(),
-            coupling,
-            poses: self.poses.clone(),
-            gauge: self.gauge.clone(),
-        }
-    }
+/// The gauge's share of the poses' block.
+fn gauge_block(reports: &Mat<f64>, prior: f64) -> Mat<f64> {
+    Mat::from_fn(reports.nrows(), reports.ncols(), |a, b| reports[(a, b)] - if a == b { prior } else { 0.0 })
 }
 
 fn symmetrise(matrix: &mut [f64], n: usize) {

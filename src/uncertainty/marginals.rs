@@ -1,43 +1,45 @@
-//! The covariances' entries between control points that share a cell: all that any query needs.
+//! The covariances' entries on the pattern: all that any query needs, and the poses'.
 //!
-//! With `H` the lattice's Hessian, `G = sum over returns sigma_r^2 f_cr f_cr^T` on its stencil, and the border `K`,
-//! `P`, `S`, `W = H^-1 K` of [`Bordered`]:
+//! With `M = M0 + 2 kappa U U^T` and its factor ([`Factor`]), `p` the curvature of the poses' prior, and
 //!
 //! ```text
-//! fixed poses     posterior   2 H^-1
-//!                 propagated  H^-1 G H^-1 + F F^T                 F = H^-1 f_cq R, three columns a scan
-//! refined poses   posterior   2 (H^-1 + W S^-1 W^T) + W U U^T W^T
-//!                 propagated  H^-1 G H^-1 - Y W^T - W Y^T + W Q W^T
-//!                   Y = H^-1 (B_c B_e^T - G W) S^-1
-//!                   Q = S^-1 (B_e B_e^T - W^T B_c B_e^T - (...)^T + W^T G W) S^-1 + (S^-1 D)(S^-1 D)^T,  D = 2 I + 2 kappa U U^T
+//! G = sum over inputs b b^T + p^2 I (poses) + ROUNDING^2 diag M0     on the pattern
+//! R = M^-1 (p + 2 kappa) U                                          the answer to a common motion of the reports
+//! propagated   M^-1 G M^-1 + R R^T - M^-1 p^2 U U^T M^-1
+//! posterior    2 M^-1 + R R^T
 //! ```
 //!
-//! `U` is the gauge ([`gauge`]), which `S` contains. `H^-1` and `H^-1 G H^-1` come from selected inversion; the rest
-//! are a few dense columns a scan. `R Q R^T` is the refined poses' propagated covariance. Everything is scaled to be
-//! symmetric before it is stored.
+//! A pose's report enters the objective through the prior alone, so its column of mixed derivatives is `p` in its own
+//! row: no column is dense, and none is solved for. `M0^-1` and `M0^-1 G M0^-1` come from selected inversion of the pinned
+//! matrix, the pin and the gauge from six columns (Woodbury). `ROUNDING` stands for how exactly an equation of the
+//! minimum is met in f64: with it the middle of the sandwich is `F F^T` with `F` of full rank, so that no variance
+//! vanishes where the inputs have no say. Nothing is clamped: what comes out indefinite all the same is refused.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par};
+use faer::Mat;
 use nalgebra::Matrix3;
 
-use super::inputs::{for_each_misfit, for_each_return};
 use super::{Kind, UncertaintyError};
-use crate::fit::{Bordered, Curvature, Fit, Poses, gauge};
+use crate::fit::{Estimate, Factor, Input, Poses};
 use crate::geometry::Cov3;
-use crate::sparse::{CellBlock, StencilMatrix, selected_sandwich};
+use crate::sparse::{CellBlock, Symmetric, SystemMatrix, selected_sandwich};
+use crate::spline::SUPPORT;
 
-/// Pose columns are solved for in blocks of this many scans, which bounds memory where there are thousands.
-pub(super) const SCANS_A_BLOCK: usize = 64;
+/// See the module.
+pub(super) const ROUNDING: f64 = 1e-7;
+/// The largest condition number, by the diagonally scaled Hessian, whose inverse f64 carries.
+const WORST_CONDITION: f64 = 1e12;
+/// Steps of the power iteration that estimates it.
+const POWER_STEPS: usize = 12;
 
-/// Covariance entries on the stencil, square metres.
+/// Covariance entries on the pattern, square metres; poses in their whitened unknowns.
 #[derive(Debug, Clone)]
 pub struct Marginals {
-    pub propagated: StencilMatrix,
-    pub posterior: StencilMatrix,
+    pub propagated: SystemMatrix,
+    pub posterior: SystemMatrix,
 }
 
 impl Marginals {
-    pub fn of(&self, kind: Kind) -> &StencilMatrix {
+    pub fn of(&self, kind: Kind) -> &SystemMatrix {
         match kind {
             Kind::Propagated => &self.propagated,
             Kind::Posterior => &self.posterior,
@@ -52,149 +54,164 @@ pub struct PoseCovariance {
     pub posterior: Vec<Cov3>,
 }
 
-/// Computes the marginals of a fit. Where the fit's Hessian is indefinite (it did not converge) the convex stand-in
-/// takes its place; the fit's `positive_definite` says so.
-pub fn marginals(fit: &mut Fit) -> Result<(Marginals, PoseCovariance), UncertaintyError> {
-    let border = settle(fit)?;
-    let mut g = StencilMatrix::zeros(fit.cholesky.stencil().clone());
-    for_each_return(fit, |range, _| {
-        let b = &range.by_control_points;
-        g.add_cell(range.support[0], &CellBlock::symmetric_product(b, b));
-    });
-    for_each_misfit(fit, |support, score| g.add_cell(support[0], &CellBlock::symmetric_product(score, score)));
-    let (inverse, sandwich) = selected_sandwich(&fit.cholesky, &g)?;
+/// Computes the marginals of an estimate. `go_on` is told which share of the work is done and says whether to go on.
+pub fn marginals(
+    estimate: &mut Estimate,
+    go_on: &dyn Fn(f64) -> bool,
+) -> Result<(Marginals, PoseCovariance), UncertaintyError> {
+    let factor = Factor::factorise(&estimate.system, &mut estimate.cholesky)?;
+    check_condition(estimate, &factor)?;
+    let g = input_covariance(estimate);
+    if !go_on(0.1) {
+        return Err(UncertaintyError::Cancelled);
+    }
+    let (inverse, sandwich) = selected_sandwich(&estimate.cholesky, &g, &|share| go_on(0.1 + 0.9 * share))?;
     let mut marginals = Marginals { propagated: sandwich, posterior: inverse };
-    let poses = match fit.weights.poses {
-        Poses::Fixed => {
-            add_fixed_poses(fit, &mut marginals.propagated)?;
-            PoseCovariance::default()
-        }
-        Poses::Refined => add_refined_poses(fit, &border, &g, &mut marginals)?,
+    add_modes(estimate, &factor, &g, &mut marginals)?;
+    check_definite(&marginals)?;
+    let poses = match estimate.weights.poses {
+        Poses::Fixed => PoseCovariance::default(),
+        Poses::Refined => PoseCovariance {
+            propagated: poses_in_world(estimate, &marginals.propagated),
+            posterior: poses_in_world(estimate, &marginals.posterior),
+        },
     };
-    marginals.posterior.values.iter_mut().for_each(|v| *v *= 2.0);
     Ok((marginals, poses))
 }
 
-/// Makes sure the fit's system is positive definite and factorised.
-pub(super) fn settle(fit: &mut Fit) -> Result<Bordered, UncertaintyError> {
-    match Bordered::factorise(&fit.system, &mut fit.cholesky) {
-        Ok(border) => Ok(border),
-        Err(_) => {
-            fit.objective.assemble(&fit.unknowns, Curvature::CONVEX, &mut fit.system);
-            let scale = fit.system.hessian.diagonal().iter().sum::<f64>() / fit.cholesky.dimension() as f64;
-            fit.system.hessian.shift_diagonal(|_| 1e-9 * scale);
-            Ok(Bordered::factorise(&fit.system, &mut fit.cholesky)?)
+/// `G`.
+fn input_covariance(estimate: &Estimate) -> SystemMatrix {
+    let hessian = &estimate.system.hessian;
+    let n = hessian.pattern().stencil().dimension();
+    let mut g = SystemMatrix::zeros(hessian.pattern().clone());
+    estimate.inputs.for_each(&mut |input| add_square(&mut g, input));
+    let squared = Matrix3::identity() * estimate.prior().powi(2);
+    (0..estimate.poses.len()).for_each(|pose| g.add_pose(pose, &squared));
+    let diagonal = hessian.diagonal();
+    g.shift_diagonal(|component, point| ROUNDING.powi(2) * diagonal[component * n + point]);
+    g
+}
+
+/// Adds `b b^T` of one input.
+fn add_square(g: &mut SystemMatrix, input: &Input) {
+    let pattern = g.pattern().clone();
+    let rows = &input.by_control_points[..pattern.components()];
+    for (a, b) in (0..rows.len()).flat_map(|a| (0..rows.len()).map(move |b| (a, b))) {
+        add_outer(g, (a, b), input.first, &rows[a], &rows[b]);
+    }
+    if let Some((pose, own)) = input.by_pose {
+        let row = pattern.stencil().size()[0];
+        let support: [usize; SUPPORT] = std::array::from_fn(|k| input.first + k % 4 + k / 4 * row);
+        for (component, by_control_points) in rows.iter().enumerate() {
+            g.add_coupling((component, pose), &support, |at| own * by_control_points[at]);
         }
+        g.add_pose(pose, &(own * own.transpose()));
     }
 }
 
-fn add_fixed_poses(fit: &Fit, propagated: &mut StencilMatrix) -> Result<(), UncertaintyError> {
-    let (n, scans) = (fit.cholesky.dimension(), fit.poses.len());
-    for first in (0..scans).step_by(SCANS_A_BLOCK) {
-        let block = first..(first + SCANS_A_BLOCK).min(scans);
-        let mut columns = Mat::zeros(n, 3 * block.len());
-        for_each_return(fit, |_, pose| {
-            if block.contains(&pose.scan) {
-                for (k, by_control_points) in pose.by_control_points.iter().enumerate() {
-                    for (&row, value) in pose.support.iter().zip(by_control_points) {
-                        columns[(row, 3 * (pose.scan - block.start) + k)] += value;
-                    }
-                }
-            }
-        });
-        fit.cholesky.solve_block(columns.as_mut())?;
-        add_products(propagated, columns.as_ref(), columns.as_ref(), 0.5);
+/// Adds the outer product of two rows of one cell to the block between two components. A block's stencil holds the
+/// pairs whose row is no lower than their column.
+fn add_outer(
+    g: &mut SystemMatrix,
+    block: (usize, usize),
+    first: usize,
+    a: &[f64; SUPPORT],
+    b: &[f64; SUPPORT],
+) {
+    let mut packed = CellBlock::ZERO;
+    let mut at = 0;
+    for column in 0..SUPPORT {
+        for row in column..SUPPORT {
+            packed.0[at] = a[row] * b[column];
+            at += 1;
+        }
+    }
+    g.add_cell(block, first, &packed);
+}
+
+/// Puts in the gauge and takes out the pin; doubles the posterior.
+fn add_modes(
+    estimate: &Estimate,
+    factor: &Factor,
+    g: &SystemMatrix,
+    marginals: &mut Marginals,
+) -> Result<(), UncertaintyError> {
+    let Marginals { propagated, posterior } = marginals;
+    let v = &factor.images;
+    if v.ncols() > 0 {
+        let inner = Mat::from_fn(v.ncols(), v.ncols(), |a, b| factor.inner[(a, b)]);
+        let weighed = v * &inner;
+        posterior.add_products(&weighed, v, -1.0);
+        // M^-1 G M^-1 = S - V K Y^T - Y K V^T + V K (V^T G V) K V^T,  Y = Mp^-1 G V
+        let gv = times(g, v);
+        let middle = &inner * (v.transpose() * &gv) * &inner;
+        let mut y = gv;
+        estimate.cholesky.solve_block(y.as_mut())?;
+        propagated.add_products(&weighed, &y, -2.0);
+        propagated.add_products(&(v * middle), v, 1.0);
+        let answer = factor.answer_to_common_motion().ok_or(UncertaintyError::NoMinimum)?;
+        let mut own = Mat::zeros(v.nrows(), 3);
+        own.copy_from(factor.modes.subcols(3, 3));
+        factor.solve_block(&estimate.cholesky, own.as_mut())?;
+        propagated.add_products(&own, &own, -estimate.prior().powi(2));
+        propagated.add_products(&answer, &answer, 1.0);
+        posterior.scale(2.0);
+        posterior.add_products(&answer, &answer, 1.0);
+    } else {
+        posterior.scale(2.0);
     }
     Ok(())
 }
 
-fn add_refined_poses(
-    fit: &Fit,
-    border: &Bordered,
-    g: &StencilMatrix,
-    marginals: &mut Marginals,
-) -> Result<PoseCovariance, UncertaintyError> {
-    let (n, poses) = (fit.cholesky.dimension(), border.w.ncols());
-    let w = border.w.as_ref();
-    let mut shared = Mat::<f64>::zeros(n, poses);
-    let mut own = Mat::<f64>::zeros(poses, poses);
-    for_each_return(fit, |range, _| {
-        for a in 0..3 {
-            let column = 3 * range.scan + a;
-            for (&row, value) in range.support.iter().zip(&range.by_control_points) {
-                shared[(row, column)] += value * range.by_pose[a];
-            }
-            (0..3).for_each(|b| own[(column, 3 * range.scan + b)] += range.by_pose[a] * range.by_pose[b]);
-        }
-    });
-    let gw = stencil_times(g, w);
-    let w_shared = w.transpose() * &shared;
-    let middle = &own - &w_shared - w_shared.transpose() + w.transpose() * &gw;
-    let s_inverse = border.solve_poses(Mat::identity(poses, poses));
-    let reported = pose_image(&s_inverse, &fit.system.gauge);
-    let q = &s_inverse * middle * &s_inverse + &reported * reported.transpose();
-
-    let mut y = &shared - &gw;
-    fit.cholesky.solve_block(y.as_mut())?;
-    let y = y * &s_inverse;
-    // -Y W^T - W Y^T + W Q W^T = V W^T + W V^T
-    let mut v = y * faer::Scale(-1.0);
-    matmul(v.as_mut(), Accum::Add, w, q.as_ref(), 0.5, Par::Seq);
-    add_products(&mut marginals.propagated, v.as_ref(), w, 1.0);
-    // The gauge's directions have their prior's variance: a half before the doubling at the end.
-    let modes = &fit.system.gauge;
-    let spread = &s_inverse + (modes * modes.transpose()) * faer::Scale(0.5);
-    let t = w * &spread;
-    add_products(&mut marginals.posterior, t.as_ref(), w, 0.5);
-
-    let roots = || fit.objective.sightings.viewpoints.iter().map(|viewpoint| viewpoint.root);
-    Ok(PoseCovariance {
-        propagated: poses_in_world(&q, 1.0, roots()),
-        posterior: poses_in_world(&spread, 2.0, roots()),
-    })
+fn times(matrix: &SystemMatrix, x: &Mat<f64>) -> Mat<f64> {
+    let columns: Vec<Vec<f64>> = (0..x.ncols())
+        .map(|column| matrix.times(&(0..x.nrows()).map(|row| x[(row, column)]).collect::<Vec<_>>()))
+        .collect();
+    Mat::from_fn(x.nrows(), x.ncols(), |row, column| columns[column][row])
 }
 
-/// Every scan's own block of a covariance in the unknowns `e`, as one in (x, y, theta).
-pub(super) fn poses_in_world(matrix: &Mat<f64>, scale: f64, roots: impl Iterator<Item = Cov3>) -> Vec<Cov3> {
-    roots
-        .enumerate()
-        .map(|(scan, root)| {
-            let block = Matrix3::from_fn(|a, b| scale * matrix[(3 * scan + a, 3 * scan + b)]);
-            root * (block + block.transpose()) * root.transpose() * 0.5
-        })
-        .collect()
+/// Every pose's own block of a covariance, as one in (x, y, theta).
+fn poses_in_world(estimate: &Estimate, covariance: &SystemMatrix) -> Vec<Cov3> {
+    let own = |(pose, root): (usize, &Cov3)| root * covariance.pose(pose) * root.transpose();
+    estimate.viewpoints.iter().map(|viewpoint| &viewpoint.root).enumerate().map(own).collect()
 }
 
-/// `S^-1 (2 I + 2 kappa U U^T)`: what a change of the reported poses leaves of itself in the refined ones.
-pub(super) fn pose_image(s_inverse: &Mat<f64>, modes: &Mat<f64>) -> Mat<f64> {
-    s_inverse * faer::Scale(2.0) + s_inverse * gauge::spring(modes)
-}
-
-/// Adds the entries of `scale (A B^T + B A^T)` that are on the stencil.
-pub(super) fn add_products(into: &mut StencilMatrix, a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64) {
-    let by_rows = |m: MatRef<'_, f64>| -> Vec<f64> {
-        (0..m.nrows()).flat_map(|row| (0..m.ncols()).map(move |column| (row, column))).map(|at| m[at]).collect()
-    };
-    let (width, a, b) = (a.ncols(), by_rows(a), by_rows(b));
-    let row = |m: &[f64], k: usize| -> std::ops::Range<usize> {
-        debug_assert!((k + 1) * width <= m.len());
-        k * width..(k + 1) * width
-    };
-    let stencil = into.stencil().clone();
-    for ((p, q), value) in stencil.entries().zip(&mut into.values) {
-        let forward: f64 = a[row(&a, p)].iter().zip(&b[row(&b, q)]).map(|(x, y)| x * y).sum();
-        let backward: f64 = a[row(&a, q)].iter().zip(&b[row(&b, p)]).map(|(x, y)| x * y).sum();
-        *value += scale * (forward + backward);
+/// Refuses a Hessian whose inverse f64 cannot carry: by power iteration with the factor, diagonally scaled.
+fn check_condition(estimate: &mut Estimate, factor: &Factor) -> Result<(), UncertaintyError> {
+    let hessian = &estimate.system.hessian;
+    let scale: Vec<f64> = hessian.diagonal().iter().map(|d| d.sqrt()).collect();
+    // A start that favours no direction: a fixed sequence without period.
+    let mut x: Vec<f64> = (0..scale.len()).map(|k| ((k as f64 + 1.0) * 0.618_033_988_749_895).fract() - 0.5).collect();
+    let mut largest = 0.0;
+    for _ in 0..POWER_STEPS {
+        let norm = x.iter().map(|v| v * v).sum::<f64>().sqrt();
+        x.iter_mut().zip(&scale).for_each(|(v, s)| *v *= s / norm);
+        factor.solve(&mut estimate.cholesky, &mut x);
+        x.iter_mut().zip(&scale).for_each(|(v, s)| *v *= s);
+        largest = x.iter().map(|v| v * v).sum::<f64>().sqrt();
     }
+    // The scaled matrix's largest eigenvalue is at most the most entries of a row: bounded by the pattern, so near one.
+    if largest.is_finite() && largest <= WORST_CONDITION {
+        return Ok(());
+    }
+    Err(UncertaintyError::IllConditioned { detail: format!("its Hessian's condition is about {largest:.0e}") })
 }
 
-pub(super) fn stencil_times(matrix: &StencilMatrix, x: MatRef<'_, f64>) -> Mat<f64> {
-    let mut y = Mat::zeros(x.nrows(), x.ncols());
-    for column in 0..x.ncols() {
-        let dense: Vec<f64> = (0..x.nrows()).map(|row| x[(row, column)]).collect();
-        for (row, value) in matrix.times(&dense).into_iter().enumerate() {
-            y[(row, column)] = value;
+/// Refuses covariances with a variance that is not positive, at a control point in use or of a pose.
+fn check_definite(marginals: &Marginals) -> Result<(), UncertaintyError> {
+    let pattern = marginals.propagated.pattern();
+    let (stencil, n) = (pattern.stencil(), pattern.stencil().dimension());
+    for kind in Kind::ALL {
+        let diagonal = marginals.of(kind).diagonal();
+        let bad = diagonal.iter().enumerate().filter(|(k, v)| {
+            let in_use = *k >= pattern.coefficients() || stencil.is_active(k % n);
+            in_use && !(v.is_finite() && **v > 0.0)
+        });
+        let count = bad.count();
+        if count > 0 {
+            let detail = format!("{count} of {} variances are not positive", diagonal.len());
+            return Err(UncertaintyError::IllConditioned { detail });
         }
     }
-    y
+    Ok(())
 }

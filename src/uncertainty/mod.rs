@@ -1,6 +1,6 @@
-//! How uncertain a fitted map is, from the exact Hessian at its minimum.
+//! How uncertain an estimate is, from the exact Hessian at its minimum.
 //!
-//! Two covariances of the coefficients:
+//! Two covariances of the unknowns, control points and poses:
 //!
 //! - *propagated*: the input noise carried to the minimum by the implicit function theorem. At a minimum
 //!   `grad f(z; inputs) = 0`, so `dz = -M^-1 (d2f / dz dinputs) dinputs` with `M` the exact Hessian in all unknowns, and
@@ -9,23 +9,19 @@
 //!   that is not certainty.
 //! - *posterior*: `2 M^-1` (the objective has no factor 1/2), the Laplace approximation; it grows where nothing was seen.
 //!
-//! With refined poses both are marginal over them. [`Marginals`] holds the entries between control points that share a
-//! cell, by selected inversion ([`marginals`]); [`Factors`] is what any entry can be formed from (`factors`).
+//! [`Marginals`] holds the entries on the pattern, by selected inversion ([`marginals`]): control points that share a
+//! cell, poses, and poses with what they see. [`Factors`] is what any entry can be formed from (`factors`).
 
-mod apart;
+mod columns;
 mod factors;
-mod inputs;
 mod marginals;
-mod vector;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-pub use apart::published_marginals;
-pub use factors::{Factors, Reduced};
-pub use inputs::{CompressedColumns, PoseInputs, RangeInputs};
+pub use columns::CompressedColumns;
+pub use factors::{ExportedFactors, Factors};
 pub use marginals::{Marginals, PoseCovariance, marginals};
-pub use vector::{VectorCovariance, VectorMarginals, vector_marginals};
 
 use crate::sparse::SparseError;
 
@@ -38,12 +34,23 @@ pub enum Kind {
     Posterior,
 }
 
+impl Kind {
+    pub const ALL: [Self; 2] = [Self::Propagated, Self::Posterior];
+}
+
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum UncertaintyError {
-    #[error("the Hessian at the end of the fit is singular; the fit did not reach a minimum")]
+    #[error("the Hessian at the end of the fit is not positive definite; the fit did not reach a minimum")]
     NoMinimum,
+    #[error(
+        "the scans determine the map too loosely for its covariance to be computed: {detail}. More scans or beams, \
+         smaller noise, a coarser resolution or a smaller area would help"
+    )]
+    IllConditioned { detail: String },
     #[error("the stored factors do not fit together: {0}")]
     Malformed(&'static str),
+    #[error("cancelled")]
+    Cancelled,
     #[error(transparent)]
     Sparse(SparseError),
 }
@@ -52,6 +59,7 @@ impl From<SparseError> for UncertaintyError {
     fn from(error: SparseError) -> Self {
         match error {
             SparseError::NotPositiveDefinite => Self::NoMinimum,
+            SparseError::Stopped => Self::Cancelled,
             other => Self::Sparse(other),
         }
     }

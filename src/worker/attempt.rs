@@ -3,18 +3,18 @@
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use thiserror::Error;
 use tokio::runtime::Handle;
 use uuid::Uuid;
 
 use super::Workshop;
-use crate::fit::{self, FitError, Weighting, fit, fit_published_vector, fit_vector};
-use crate::jobs::{Distance, JobRequest, MapRecord, ProblemReport, Progress, RequestError};
-use crate::map::{ArchiveError, FittedMap, MapError, factors_to_npz};
+use crate::fit::FitError;
+use crate::jobs::{JobRequest, MapRecord, ProblemReport, Progress, RequestError};
+use crate::map::{ArchiveError, FittedMap, MapError, Stage, Step, SurveyError};
 use crate::store::{Artifacts, ArtifactsError, Claim, MAX_ATTEMPTS, StoreError};
-use crate::uncertainty::Factors;
+use crate::uncertainty::UncertaintyError;
 
 /// How often the lease is renewed and progress carried to the store.
 const HEARTBEAT: Duration = Duration::from_millis(500);
@@ -30,9 +30,7 @@ enum AttemptError {
     #[error("the stored request cannot be unpacked: {0}")]
     Unpack(std::io::Error),
     #[error(transparent)]
-    Fit(FitError),
-    #[error(transparent)]
-    Map(#[from] MapError),
+    Survey(SurveyError),
     #[error(transparent)]
     Archive(#[from] ArchiveError),
     #[error(transparent)]
@@ -43,12 +41,9 @@ enum AttemptError {
     Panic(String),
 }
 
-impl From<FitError> for AttemptError {
-    fn from(error: FitError) -> Self {
-        match error {
-            FitError::Cancelled => Self::Stopped,
-            other => Self::Fit(other),
-        }
+impl From<SurveyError> for AttemptError {
+    fn from(error: SurveyError) -> Self {
+        if error.is_cancelled() { Self::Stopped } else { Self::Survey(error) }
     }
 }
 
@@ -60,15 +55,21 @@ impl AttemptError {
 
     fn problem(&self) -> ProblemReport {
         let (slug, title) = match self {
-            Self::Fit(FitError::NoEvidence) => ("no-evidence", "The scans say nothing about the map's area"),
-            Self::Fit(_) | Self::Map(_) => ("fit-failed", "The map could not be fitted"),
+            Self::Survey(SurveyError::Fit(FitError::NoEvidence)) => {
+                ("no-evidence", "The scans say nothing about the map's area")
+            }
+            Self::Survey(SurveyError::Fit(FitError::Undetermined))
+            | Self::Survey(SurveyError::Map(MapError::Uncertainty(UncertaintyError::IllConditioned { .. }))) => {
+                ("too-little-evidence", "The scans do not determine the map")
+            }
+            Self::Survey(_) => ("fit-failed", "The map could not be fitted"),
             Self::Panic(_) => ("solver-panicked", "The solver failed in a way it should not"),
             _ => ("internal-error", "The job could not be finished"),
         };
         ProblemReport {
             r#type: format!("/problems/{slug}"),
             title: title.into(),
-            status: if matches!(self, Self::Fit(_) | Self::Map(_)) { 422 } else { 500 },
+            status: if matches!(self, Self::Survey(_)) { 422 } else { 500 },
             detail: self.to_string(),
         }
     }
@@ -104,17 +105,14 @@ fn work(
     let json = zstd::decode_all(&claim.request[..]).map_err(AttemptError::Unpack)?;
     let request = JobRequest::parse(&json, &workshop.limits)?;
     drop(json);
-    let (map, factors) = fit_request(&request, progress, stop)?;
-    set_stage(progress, "storing", 95.0);
+    let map = fit_request(&request, progress, stop)?;
+    set_stage(progress, "storing", WHOLE.1);
     let prefix = Artifacts::prefix(&claim.job.id, claim.job.attempt);
-    let files = [("map.npz", map.to_npz()?), ("factors.npz", factors_to_npz(map.lattice(), &factors)?)];
-    drop(factors);
-    for (name, bytes) in files {
-        if stop.load(Ordering::Relaxed) {
-            return Err(AttemptError::Stopped);
-        }
-        runtime.block_on(workshop.artifacts.put(&prefix, name, bytes))?;
+    let bytes = map.to_npz()?;
+    if stop.load(Ordering::Relaxed) {
+        return Err(AttemptError::Stopped);
     }
+    runtime.block_on(workshop.artifacts.put(&prefix, "map.npz", bytes))?;
     let record = MapRecord {
         id: Uuid::now_v7().to_string(),
         job_id: claim.job.id.clone(),
@@ -122,7 +120,7 @@ fn work(
         name: claim.job.name.clone(),
         labels: claim.job.labels.clone(),
         created: 0,
-        distance: map.field.name().into(),
+        distance: map.field.distance(),
         lattice: map.lattice().clone(),
         fit: map.report.clone(),
         prefix,
@@ -133,73 +131,33 @@ fn work(
     }
 }
 
-/// The fit and its covariance. `progress` is kept up to date; `stop` ends the fit within one step.
+/// The fit and its covariance. `progress` is kept up to date; `stop` ends the work within a step.
 pub fn fit_request(
     request: &JobRequest,
     progress: &Mutex<Progress>,
     stop: &AtomicBool,
-) -> Result<(FittedMap, Factors), FitFailure> {
-    let began = Instant::now();
-    let tolerance = request.options.tolerance;
-    let mut observer = |step: &fit::Progress| {
-        report(progress, step, tolerance);
+) -> Result<FittedMap, SurveyError> {
+    let observer = |step: &Step| {
+        report(progress, step);
         if stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    let JobRequest { scans, noise, lattice, options, .. } = request;
-    let seconds = || began.elapsed().as_secs_f64();
-    let covariance_next = || {
-        set_stage(progress, "covariance", 85.0);
-        if stop.load(Ordering::Relaxed) { Err(FitError::Cancelled) } else { Ok(()) }
-    };
-    match request.distance {
-        Distance::Signed => {
-            let fitted = fit(scans, noise, lattice, options, &mut observer)?;
-            covariance_next()?;
-            Ok(FittedMap::finish(fitted, *noise, seconds)?)
-        }
-        Distance::Vector if options.weighting == Weighting::Paper => {
-            let fitted = fit_published_vector(scans, noise, lattice, options, &mut observer)?;
-            covariance_next()?;
-            let poses = scans.iter().map(|scan| scan.pose).collect();
-            Ok(FittedMap::finish_published_vector(fitted, poses, *noise, seconds)?)
-        }
-        Distance::Vector => {
-            let fitted = fit_vector(scans, noise, lattice, options, &mut observer)?;
-            covariance_next()?;
-            Ok(FittedMap::finish_vector(fitted, *noise, seconds)?)
-        }
-    }
+    request.survey().map_watched(&observer)
 }
 
-/// Why [`fit_request`] gave no map.
-#[derive(Debug, Error)]
-pub enum FitFailure {
-    #[error(transparent)]
-    Fit(#[from] FitError),
-    #[error(transparent)]
-    Map(#[from] MapError),
-}
+/// What the fit and its covariance take of the whole, in per cent: little is before them, and little after.
+const WHOLE: (f64, f64) = (1.0, 97.0);
 
-impl From<FitFailure> for AttemptError {
-    fn from(failure: FitFailure) -> Self {
-        match failure {
-            FitFailure::Fit(error) => error.into(),
-            FitFailure::Map(error) => error.into(),
-        }
-    }
-}
-
-/// The estimate: however many of the allowed steps are done, or of the decades the gradient has to fall.
-fn report(progress: &Mutex<Progress>, step: &fit::Progress, tolerance: f64) {
-    let by_steps = step.iteration as f64 / step.max_iterations as f64;
-    let by_gradient = step.relative_gradient.max(1e-300).log10() / tolerance.log10();
+fn report(progress: &Mutex<Progress>, step: &Step) {
     let mut progress = progress.lock().unwrap_or_else(PoisonError::into_inner);
-    let percent = 5.0 + 80.0 * by_steps.max(by_gradient).clamp(0.0, 1.0);
+    let percent = WHOLE.0 + (WHOLE.1 - WHOLE.0) * step.share;
     progress.percent = progress.percent.max((10.0 * percent).round() / 10.0);
-    progress.stage = "fitting".into();
-    progress.iteration = step.iteration;
-    progress.max_iterations = step.max_iterations;
-    progress.objective = Some(step.objective);
+    progress.stage = match step.stage {
+        Stage::Fitting => "fitting".into(),
+        Stage::Covariance => "covariance".into(),
+    };
+    progress.iteration = step.fit.iteration;
+    progress.max_iterations = step.fit.max_iterations;
+    progress.objective = Some(step.fit.objective).filter(|value| value.is_finite());
 }
 
 fn set_stage(progress: &Mutex<Progress>, stage: &str, percent: f64) {

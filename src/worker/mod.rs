@@ -20,7 +20,7 @@ use tokio::sync::{Notify, watch};
 use crate::jobs::Limits;
 use crate::store::{Artifacts, Claim, JobStore};
 
-pub use attempt::{FitFailure, fit_request};
+pub use attempt::fit_request;
 
 /// How long an idle solver waits before it looks for work that nobody told it of.
 const IDLE: Duration = Duration::from_millis(500);

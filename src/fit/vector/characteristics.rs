@@ -10,8 +10,8 @@
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
-use super::surfels::{Surfel, Surfels};
-use crate::fit::objective::gauss;
+use crate::fit::collocation::gauss;
+use crate::fit::surfels::{Surfel, Surfels};
 use crate::geometry::{Vec2, turned};
 use crate::spline::Lattice;
 

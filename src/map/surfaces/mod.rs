@@ -8,7 +8,7 @@
 //! `d = (p - q) / |p - q|`, and its variance
 //!
 //! ```text
-//! (n.d)^2 sigma^2 + (t.d)^2 (END h)^2
+//! (n.d)^2 (sigma^2 + (STRAY h)^2) + (t.d)^2 (END h)^2
 //! ```
 //!
 //! with `n`, `t` the facet's normal and tangent, `sigma` the field's standard deviation across it, and the second term
@@ -31,8 +31,11 @@ use crate::fit::Surfels;
 use crate::geometry::{Vec2, nearest_on_segment, turned};
 use crate::uncertainty::Kind;
 
-/// Where a surface ends is known to this many cells (one standard deviation).
-const END: f64 = 0.15;
+/// Where a surface ends is known to this many cells, where it turns away to that many, and how far it strays from its
+/// facets (standard deviations, from two buildings: `docs/vector.md`).
+const END: f64 = 0.4;
+const TURN: f64 = 0.25;
+const STRAY: f64 = 0.03;
 /// Surfaces whose directions have a cosine below this are different ones.
 const RIVAL: f64 = 0.5;
 
@@ -143,9 +146,9 @@ impl Facet {
         let along = (b - a).normalize();
         let distance = (p - point).norm();
         let away = (p - point).try_normalize(1e-9).unwrap_or(turned(along));
-        let across = self.sigma(kind);
+        let across = self.sigma(kind).hypot(STRAY * resolution);
         let at_end = (point == a && self.open[0]) || (point == b && self.open[1]);
-        let tangential = if at_end { END * resolution } else { across };
+        let tangential = if at_end { END } else { TURN } * resolution;
         let (n, t) = (turned(along).dot(&away), along.dot(&away));
         Foot { point, distance, sigma: (n * across).hypot(t * tangential), away }
     }

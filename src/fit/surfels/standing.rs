@@ -5,7 +5,7 @@
 //! scans that looked at it squarely were stopped there; the others saw farther. Beams that only graze its surface are
 //! not asked: they run beside walls.
 
-use super::surfels::{Surfel, Surfels};
+use super::{Surfel, Surfels};
 use crate::geometry::{Bounds, Pose, wrap_angle};
 use crate::scan::LaserScan;
 
@@ -57,7 +57,7 @@ fn passed(surfel: &Surfel, scan: &LaserScan, pose: &Pose, margin: f64) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::corridor;
+    use crate::fit::vector::tests::corridor;
     use super::*;
     use crate::geometry::Vec2;
 

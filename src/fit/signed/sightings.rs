@@ -9,11 +9,12 @@ use std::borrow::Cow;
 use faer::Mat;
 use nalgebra::Vector3;
 
-use super::gauge;
 use super::loss::{Curvature, LocalJet};
 use super::sampson::{frozen, sampson};
-use crate::geometry::{Cov3, Vec2};
-use crate::scan::{Return, ReturnNoise};
+use crate::fit::gauge;
+use crate::fit::viewpoint::{Viewpoint, onto_one_to_two};
+use crate::geometry::Vec2;
+use crate::scan::Return;
 use crate::spline::{Lattice, Located, Surface};
 
 /// A return where the current poses put it.
@@ -23,23 +24,6 @@ pub struct Sighting {
     pub seen: Return,
     /// Which of [`Sightings::returns`] this is.
     pub source: usize,
-}
-
-/// One scan's pose as the objective needs it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Viewpoint {
-    pub position: Vec2,
-    /// `R`, the square root of the pose's covariance.
-    pub root: Cov3,
-    pub noise: ReturnNoise,
-}
-
-impl Viewpoint {
-    /// What the pose unknowns `e` of all scans, which are empty where poses are fixed, change of this one's (x, y,
-    /// theta).
-    pub fn correction(&self, scan: usize, e: &[f64]) -> Vector3<f64> {
-        e.get(3 * scan..3 * scan + 3).map_or_else(Vector3::zeros, |own| self.root * Vector3::from_column_slice(own))
-    }
 }
 
 /// How a return's distance is weighed.
@@ -166,11 +150,4 @@ pub fn published_weights(returns: &[Return], viewpoints: &[Viewpoint], start: &S
         1.0 / direction.dot(&(viewpoints[seen.scan].noise.covariance(seen) * direction)).max(f64::MIN_POSITIVE)
     };
     onto_one_to_two(returns.iter().map(information).collect())
-}
-
-/// Maps numbers linearly onto [1, 2]; all to 1 where they are the same.
-pub(super) fn onto_one_to_two(raw: Vec<f64>) -> Vec<f64> {
-    let low = raw.iter().copied().fold(f64::INFINITY, f64::min);
-    let spread = raw.iter().copied().fold(0.0, f64::max) - low;
-    raw.iter().map(|raw| if spread > 0.0 { 1.0 + (raw - low) / spread } else { 1.0 }).collect()
 }

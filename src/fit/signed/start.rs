@@ -8,7 +8,7 @@
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
-use super::objective::thin_plate;
+use crate::fit::collocation::thin_plate;
 use crate::geometry::{Vec2, turned};
 use crate::scan::{Evidence, Return, SUBCELLS};
 use crate::sparse::{CellBlock, Cholesky, SparseError, StencilMatrix};
@@ -48,7 +48,7 @@ pub fn least_squares(
     sample: impl Fn([usize; 2], Vec2) -> f64,
 ) -> Result<Surface, SparseError> {
     let samples = sample_rows(lattice.resolution);
-    let mut normal = StencilMatrix::zeros(cholesky.stencil().clone());
+    let mut normal = StencilMatrix::zeros(cholesky.pattern().stencil().clone());
     let mut rhs = vec![0.0; lattice.len()];
     // Thin-plate energy against SUBCELLS^2 samples a cell smooths over (weight h^2 / SUBCELLS^2)^(1/4).
     let weight = 0.5 * (SUBCELLS * SUBCELLS) as f64 * blur.powi(4) * lattice.resolution.powi(2);
@@ -59,7 +59,7 @@ pub fn least_squares(
     for j in 0..lattice.cells[1] {
         for i in 0..lattice.cells[0] {
             let support = lattice.support([i, j]);
-            if !cholesky.stencil().is_active_cell(support[0]) {
+            if !cholesky.pattern().stencil().is_active_cell(support[0]) {
                 continue;
             }
             normal.add_cell(support[0], &block);

@@ -9,13 +9,14 @@
 //! At the end the undamped exact Hessian is factorised once more: positive definite there, together with a vanishing
 //! gradient, is the certificate of a minimum.
 
-use std::ops::ControlFlow;
+use nalgebra::Matrix3;
 
-use super::bordered::{Bordered, System};
 use super::damping::{Damping, Law};
 use super::loss::Curvature;
 use super::objective::Objective;
-use super::{FitError, Progress};
+use crate::fit::system::{Factor, System};
+use crate::fit::estimate::Minimum;
+use crate::fit::{FitError, Observer, Progress};
 use crate::sparse::{Cholesky, SparseError, StencilMatrix};
 
 /// When to stop.
@@ -32,19 +33,6 @@ pub struct StoppingRule {
     pub chords: usize,
     /// How steps are damped.
     pub law: Law,
-}
-
-/// How a minimisation ended.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Minimum {
-    pub iterations: usize,
-    pub factorisations: usize,
-    pub objective: f64,
-    /// The largest absolute entry of the gradient.
-    pub gradient_norm: f64,
-    pub relative_gradient: f64,
-    /// Whether the exact Hessian at the end is positive definite.
-    pub positive_definite: bool,
 }
 
 /// A chord's step may promise this many times what the one before did, and must keep this share of it: else the factor
@@ -72,7 +60,7 @@ impl<'a> Newton<'a> {
             damper: objective.damping(),
             damping: Damping::new(Law::Slopes),
             minimum: spent,
-            system: objective.system(),
+            system: objective.system(&vec![0.0; objective.sightings.pose_unknowns()]),
             objective,
             cholesky,
         }
@@ -84,7 +72,7 @@ impl<'a> Newton<'a> {
         &mut self,
         unknowns: &mut [f64],
         rule: &StoppingRule,
-        observer: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
+        observer: Observer<'_>,
     ) -> Result<Minimum, FitError> {
         self.damping = Damping::new(rule.law);
         self.minimum.objective = self.objective.assemble(unknowns, self.damping.curvature(), &mut self.system);
@@ -114,7 +102,7 @@ impl<'a> Newton<'a> {
                 if self.damping.curvature() != Curvature::EXACT {
                     self.objective.assemble(unknowns, Curvature::EXACT, &mut self.system);
                 }
-                self.minimum.positive_definite = Bordered::factorise(&self.system, self.cholesky).is_ok();
+                self.minimum.positive_definite = Factor::factorise(&self.system, self.cholesky).is_ok();
                 if out_of_steps || self.minimum.positive_definite {
                     return Ok(self.minimum);
                 }
@@ -147,7 +135,7 @@ impl<'a> Newton<'a> {
     /// Further steps with the factor at hand (Shamanskii's: a chord's slope in place of the tangent's), as long as they
     /// pay: a gradient and a solve cost a fraction of a Hessian and its factor. `slope` is that of the step before. The
     /// solves go unchecked: only a step that lowers the objective is taken.
-    fn chords(&mut self, unknowns: &mut [f64], factor: &Bordered, most: usize, mut slope: f64) {
+    fn chords(&mut self, unknowns: &mut [f64], factor: &Factor, most: usize, mut slope: f64) {
         for _ in 0..most {
             let mut step: Vec<f64> = self.objective.gradient(unknowns).iter().map(|g| -g).collect();
             let downhill = step.clone();
@@ -167,13 +155,13 @@ impl<'a> Newton<'a> {
     }
 
     /// Raises the damping until the system, which is damped in place, is positive definite.
-    fn factorise_damped(&mut self, unknowns: &[f64]) -> Result<Bordered, FitError> {
+    fn factorise_damped(&mut self, unknowns: &[f64]) -> Result<Factor, FitError> {
         let mut added = 0.0;
         loop {
             damp(&mut self.system, &self.damper, self.damping.slopes() - added);
             added = self.damping.slopes();
             self.minimum.factorisations += 1;
-            match Bordered::factorise(&self.system, self.cholesky) {
+            match Factor::factorise(&self.system, self.cholesky) {
                 Ok(factor) => return Ok(factor),
                 Err(SparseError::NotPositiveDefinite) if !self.damping.is_stuck() => {
                     let before = self.damping.curvature();
@@ -214,14 +202,14 @@ fn damp(system: &mut System, damper: &StencilMatrix, amount: f64) {
     if amount == 0.0 {
         return;
     }
-    system.hessian.values.iter_mut().zip(&damper.values).for_each(|(h, d)| *h += amount * d);
-    for block in &mut system.poses {
-        (0..3).for_each(|k| block[(k, k)] += 2.0 * amount);
+    system.hessian.add_diagonal_block(0, &damper.values, amount);
+    for pose in 0..system.hessian.pattern().views().poses() {
+        system.hessian.add_pose(pose, &(Matrix3::identity() * (2.0 * amount)));
     }
 }
 
 /// The largest absolute value; infinite where one is not a number.
-pub(super) fn largest(v: &[f64]) -> f64 {
+pub(in crate::fit) fn largest(v: &[f64]) -> f64 {
     v.iter().fold(0.0, |worst: f64, v| if v.is_nan() { f64::INFINITY } else { worst.max(v.abs()) })
 }
 

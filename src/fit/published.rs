@@ -9,24 +9,26 @@
 //! after Arukgoda et al., CASE 2019, `n` the surface's normal (the printed weight, through the gradient of `V.V`, is
 //! unbounded). It does not change when `V` is turned everywhere by one angle, so the Hessian of both components
 //! together is singular and no minimum can be certified. As published, the components are taken apart:
-//! Levenberg-Marquardt with Gauss-Newton's block of either, and the covariance of either block by itself. Kept for
-//! comparison; it ends farther from the truth than it starts.
+//! Levenberg-Marquardt with Gauss-Newton's block of either; in the covariance the returns and poses that both answer to
+//! tie them. Kept for comparison; it ends farther from the truth than it starts.
 
-use std::ops::ControlFlow;
-
-use super::normals;
-use crate::fit::objective::{gauss, thin_plate};
-use crate::fit::sightings::onto_one_to_two;
-use crate::fit::start::least_squares;
-use crate::fit::{
-    FitError, FitOptions, Minimum, Progress, Viewpoint, Weights, in_use, information, newton, returns_inside,
-    viewpoints,
-};
-use crate::geometry::Vec2;
-use crate::scan::{Evidence, LaserScan, Noise, Return};
-use crate::sparse::{CellBlock, Cholesky, SparseError, Stencil, StencilMatrix};
-use crate::spline::{BasisRow, Lattice, SUPPORT, Surface, dot, gather};
+use faer::Mat;
+use nalgebra::{Matrix3, Vector3};
 use rstar::RTree;
+
+use super::collocation::{gauss, thin_plate};
+use super::estimate::{Distance, Estimate, HELD, Input, Inputs, Minimum};
+use super::options::{FitOptions, Poses, Weighting, Weights};
+use super::signed::{largest, least_squares};
+use super::surfels::normals;
+use super::system::System;
+use super::vector::DEFAULT_BAND;
+use super::viewpoint::{Viewpoint, information, onto_one_to_two, returns_inside, viewpoints};
+use super::{FitError, Job, Observer, Progress, in_use};
+use crate::geometry::Vec2;
+use crate::scan::{Evidence, Return};
+use crate::sparse::{CellBlock, Cholesky, Pattern, SparseError, Stencil, StencilMatrix, Views};
+use crate::spline::{BasisRow, Lattice, SUPPORT, Surface, dot, gather};
 
 /// The thin-plate weight where the request has none: the Eikonal term says nothing of the component across `V`.
 const SMOOTHING: f64 = 1e-3;
@@ -41,58 +43,119 @@ const STUCK: f64 = 1e8;
 /// What keeps control points determined that nothing else does, as a share of the mean diagonal.
 const RIDGE: f64 = 1e-9;
 
-/// A fit of the published vector objective at its end.
-pub struct PublishedVectorFit {
-    /// `V_x` and `V_y`; NaN at control points that are not in use.
-    pub field: [Surface; 2],
-    pub evidence: Evidence,
-    /// Never positive definite: see the module.
-    pub minimum: Minimum,
-    pub weights: Weights,
-    /// Gauss-Newton's block of either component at the end.
-    pub hessians: [StencilMatrix; 2],
-    /// Set up for the blocks' pattern.
-    pub cholesky: Cholesky,
-    pub returns: Vec<Return>,
-    /// `rho_o`, a return each.
-    pub trust: Vec<f64>,
-    pub viewpoints: Vec<Viewpoint>,
-}
-
 /// Fits the published objective from the nearest-return field.
-pub fn fit_published_vector(
-    scans: &[LaserScan],
-    noise: &Noise,
-    lattice: &Lattice,
-    options: &FitOptions,
-    observer: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
-) -> Result<PublishedVectorFit, FitError> {
+pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, FitError> {
+    let &Job { scans, noise, lattice, options, .. } = job;
     let returns = returns_inside(scans, lattice)?;
     let mut weights =
-        Weights::resolve(options, lattice.resolution, false, information(lattice, &returns, noise.sigma_range));
+        Weights::resolve(options, lattice.resolution, information(lattice, &returns, noise.sigma_range));
     weights.smoothing = options.smoothing.unwrap_or(SMOOTHING);
+    weights.poses = Poses::Fixed;
     let viewpoints = viewpoints(scans, noise, weights.model_sigma)?;
     let evidence = Evidence::gather(lattice, scans);
-    let band = options.band.unwrap_or(super::DEFAULT_BAND);
+    let band = options.band.unwrap_or(DEFAULT_BAND);
     let stencil = Stencil::of_cells(lattice, &evidence.cells_within(lattice, band));
-    let mut cholesky = Cholesky::analyse(&stencil)?;
+    let mut cholesky = Cholesky::analyse(&Pattern::of_stencil(&stencil))?;
     let start = nearest_return_field(lattice, &returns, &mut cholesky)?;
     let normals = normals::outward(&returns, lattice.resolution);
     let across = |(seen, n): (&Return, &Vec2)| 1.0 / n.dot(&(viewpoints[seen.scan].noise.covariance(seen) * n));
     let trust = onto_one_to_two(returns.iter().zip(&normals).map(across).collect());
-    let objective = Published::new(lattice, &cholesky, &returns, &trust, &weights);
-    let End { components: [x, y], minimum, hessians } = objective.minimise(start, options, &mut cholesky, observer)?;
-    Ok(PublishedVectorFit {
-        field: [in_use(lattice, &stencil, x), in_use(lattice, &stencil, y)],
+    let objective = Published::new(lattice, &stencil, &returns, &trust, &weights);
+    let End { components: [x, y], minimum, hessians } = match (job.ended(0), job.ended(1)) {
+        (Some(x), Some(y)) => {
+            let Normal { value, blocks, .. } = objective.assemble(&[x.clone(), y.clone()], &cholesky);
+            End { components: [x, y], minimum: Minimum { objective: value, ..Minimum::default() }, hessians: blocks }
+        }
+        _ => objective.minimise(start, options, &mut cholesky, observer)?,
+    };
+    let field = [in_use(lattice, &stencil, x), in_use(lattice, &stencil, y)];
+    let places = returns.iter().map(|seen| seen.point).collect();
+    let inputs = PublishedInputs { field: field.clone(), stencil, returns, trust, viewpoints: viewpoints.clone() };
+    let system = inputs.system(&hessians);
+    Ok(Estimate {
+        distance: Distance::Vector,
+        weighting: Weighting::Paper,
+        lattice: lattice.clone(),
+        surfaces: field.into(),
         evidence,
         minimum,
         weights,
-        hessians,
+        converged: false,
+        unconverged: Some("the published vector objective leaves the field's turn open: it has no minimum to certify".into()),
+        resume: Vec::new(),
+        system,
+        inputs: Box::new(inputs),
         cholesky,
-        returns,
-        trust,
         viewpoints,
+        poses: scans.iter().map(|scan| scan.pose).collect(),
+        returns: places,
+        surfels: None,
+        seen_through: None,
+        cut_locus: None,
     })
+}
+
+/// `B = d2f / dc dinputs = 2 rho_o (grad V B + V grad B) . dX` at every return, with `dX` its change by its range's
+/// standard deviation or along a column of its pose's covariance root.
+struct PublishedInputs {
+    field: [Surface; 2],
+    stencil: std::sync::Arc<Stencil>,
+    returns: Vec<Return>,
+    trust: Vec<f64>,
+    viewpoints: Vec<Viewpoint>,
+}
+
+impl PublishedInputs {
+    /// Calls back with every return in use: its cell's control points, and the derivatives by a change of its place.
+    fn for_each_return(&self, mut each: impl FnMut(&Return, [usize; SUPPORT], &dyn Fn(Vec2) -> [[f64; SUPPORT]; 2])) {
+        let lattice = &self.field[0].lattice;
+        for (seen, trust) in self.returns.iter().zip(&self.trust) {
+            let at = lattice.locate_or_extend(seen.point);
+            let support = lattice.support(at.cell);
+            if !self.stencil.is_active_cell(support[0]) {
+                continue;
+            }
+            let row = lattice.row(&at);
+            let jets = [self.field[0].jet_at(&at), self.field[1].jet_at(&at)];
+            each(seen, support, &|dx: Vec2| {
+                jets.map(|jet| {
+                    let slope = jet.gradient.dot(&dx);
+                    std::array::from_fn(|k| {
+                        2.0 * trust * (slope * row.value[k] + jet.value * (row.dx[k] * dx.x + row.dy[k] * dx.y))
+                    })
+                })
+            });
+        }
+    }
+
+    /// Gauss-Newton's blocks with the poses as unknowns that do not move.
+    fn system(&self, hessians: &[StencilMatrix; 2]) -> System {
+        let poses = self.viewpoints.len();
+        let mut pairs = Vec::new();
+        self.for_each_return(|seen, support, _| pairs.extend(support.map(|point| (seen.scan, point))));
+        let pattern = Pattern::new(self.stencil.clone(), 2, Views::of(poses, pairs));
+        let mut system = System::zeros(pattern, Mat::zeros(3 * poses, 0));
+        (0..2).for_each(|k| system.hessian.add_diagonal_block(k, &hessians[k].values, 1.0));
+        (0..poses).for_each(|pose| system.hessian.add_pose(pose, &(Matrix3::identity() * HELD)));
+        self.for_each_return(|seen, support, by| {
+            let moved = seen.by_pose() * self.viewpoints[seen.scan].root;
+            let by_pose = [0, 1, 2].map(|a| by(moved.column(a).into()));
+            for axis in 0..2 {
+                let own = |at: usize| Vector3::from_fn(|a, _| by_pose[a][axis][at]);
+                system.hessian.add_coupling((axis, seen.scan), &support, own);
+            }
+        });
+        system
+    }
+}
+
+impl Inputs for PublishedInputs {
+    fn for_each(&self, each: &mut dyn FnMut(&Input)) {
+        self.for_each_return(|seen, support, by| {
+            let sigma = self.viewpoints[seen.scan].noise.range_variance.sqrt();
+            each(&Input { first: support[0], by_control_points: by(seen.direction * sigma), by_pose: None });
+        });
+    }
 }
 
 /// The least-squares spline of the vector from the nearest return.
@@ -135,9 +198,8 @@ struct End {
 }
 
 impl<'a> Published<'a> {
-    fn new(lattice: &'a Lattice, cholesky: &Cholesky, returns: &[Return], trust: &[f64], weights: &Weights) -> Self {
+    fn new(lattice: &'a Lattice, stencil: &Stencil, returns: &[Return], trust: &[f64], weights: &Weights) -> Self {
         let [nx, ny] = lattice.cells;
-        let stencil = cholesky.stencil();
         let in_use = |cell: &[usize; 2]| stencil.is_active_cell(lattice.support(*cell)[0]);
         let side = gauss(2);
         let h = lattice.resolution;
@@ -196,7 +258,7 @@ impl<'a> Published<'a> {
     }
 
     fn assemble(&self, c: &[Vec<f64>; 2], cholesky: &Cholesky) -> Normal {
-        let stencil = cholesky.stencil();
+        let stencil = cholesky.pattern().stencil();
         let zeros = || vec![0.0; self.lattice.len()];
         let blocks = [0, 1].map(|_| StencilMatrix::zeros(stencil.clone()));
         let mut normal = Normal { value: self.value(c), gradient: [zeros(), zeros()], blocks };
@@ -237,14 +299,14 @@ impl<'a> Published<'a> {
         mut c: [Vec<f64>; 2],
         options: &FitOptions,
         cholesky: &mut Cholesky,
-        observer: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
+        observer: Observer<'_>,
     ) -> Result<End, FitError> {
         let mut normal = self.assemble(&c, cholesky);
-        let largest = |normal: &Normal| newton::largest(&normal.gradient[0]).max(newton::largest(&normal.gradient[1]));
-        let (first, mut damping, mut minimum) = (largest(&normal), FIRST_DAMPING, Minimum::default());
+        let steepest = |normal: &Normal| largest(&normal.gradient[0]).max(largest(&normal.gradient[1]));
+        let (first, mut damping, mut minimum) = (steepest(&normal), FIRST_DAMPING, Minimum::default());
         loop {
             minimum.objective = normal.value;
-            minimum.gradient_norm = largest(&normal);
+            minimum.gradient_norm = steepest(&normal);
             minimum.relative_gradient = if first > 0.0 { minimum.gradient_norm / first } else { 0.0 };
             if !(normal.value.is_finite() && first.is_finite()) {
                 return Err(FitError::NotFinite);
@@ -306,16 +368,19 @@ mod tests {
         let bounds = Bounds { min: [-0.6, 1.0], max: [1.5, 3.0] };
         let lattice = Lattice::covering(&bounds, 0.25, 1_000).unwrap();
         let scans = scenario.scans(1);
-        let options = FitOptions { weighting: crate::fit::Weighting::Paper, max_iterations: 1, ..Default::default() };
-        let fit = fit_published_vector(&scans, &scenario.noise, &lattice, &options, &mut |_| ControlFlow::Continue(()))
-            .unwrap();
-        let objective = Published::new(&lattice, &fit.cholesky, &fit.returns, &fit.trust, &fit.weights);
-        let stencil = fit.cholesky.stencil();
+        let options = FitOptions { weighting: Weighting::Paper, max_iterations: 1, ..Default::default() };
+        let job = Job { scans: &scans, noise: &scenario.noise, lattice: &lattice, options: &options, end: None };
+        let fit = fit(&job, &mut |_| std::ops::ControlFlow::Continue(())).unwrap();
+        let returns = returns_inside(&scans, &lattice).unwrap();
+        let trust = vec![1.5; returns.len()];
+        let stencil = fit.system.hessian.pattern().stencil();
+        let cholesky = Cholesky::analyse(&Pattern::of_stencil(stencil)).unwrap();
+        let objective = Published::new(&lattice, stencil, &returns, &trust, &fit.weights);
         let c = [0, 1].map(|axis: usize| {
-            fit.field[axis].coefficients.iter().map(|c| if c.is_nan() { 0.0 } else { *c }).collect::<Vec<_>>()
+            fit.surfaces[axis].coefficients.iter().map(|c| if c.is_nan() { 0.0 } else { *c }).collect::<Vec<_>>()
         });
-        let normal = objective.assemble(&c, &fit.cholesky);
-        let scale = newton::largest(&normal.gradient[0]).max(newton::largest(&normal.gradient[1]));
+        let normal = objective.assemble(&c, &cholesky);
+        let scale = largest(&normal.gradient[0]).max(largest(&normal.gradient[1]));
         for (axis, k) in (0..2).flat_map(|axis| (0..lattice.len()).step_by(7).map(move |k| (axis, k))) {
             let at = |e: f64| {
                 let mut moved = c.clone();

@@ -15,14 +15,17 @@
 //! share its pose's error, so however many they are, they count as one witness. A wall seen from both sides has
 //! surfels of its own on each face.
 
+pub mod normals;
+pub mod standing;
+
 use std::ops::Range;
 
 use nalgebra::Vector3;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
-use super::super::sightings::Viewpoint;
-use crate::geometry::{Cov2, Vec2, turned};
+use super::viewpoint::Viewpoint;
+use crate::geometry::{Cov2, Pose, Vec2, turned};
 use crate::scan::Return;
 
 /// Squares along a lattice cell's side in which returns are gathered.
@@ -81,6 +84,8 @@ pub struct Witness {
     pub range_variance: f64,
     /// The derivative of `offset` by the scan's three pose unknowns.
     pub by_pose: Vector3<f64>,
+    /// The mean of its returns where they were gathered.
+    gathered: Vec2,
 }
 
 /// All surfels of a job.
@@ -109,9 +114,15 @@ struct Patch {
 }
 
 impl Surfels {
-    /// Gathers returns. `h` is the lattice's resolution, `normals` has a unit vector a return, away from its scanner.
-    pub fn gather(returns: &[Return], normals: &[Vec2], viewpoints: &[Viewpoint], h: f64) -> Self {
-        let (patches, groups) = patches(returns, normals, viewpoints, h);
+    /// Gathers returns, and says for each to which surfel it went. `h` is the lattice's resolution, `normals` has a unit
+    /// vector for each return, away from its scanner.
+    pub fn gather(
+        returns: &[Return],
+        normals: &[Vec2],
+        viewpoints: &[Viewpoint],
+        h: f64,
+    ) -> (Self, Vec<usize>) {
+        let (patches, groups, owners) = patches(returns, normals, viewpoints, h);
         let places = patches.iter().enumerate().map(|(k, patch)| GeomWithData::new(patch.center.into(), k)).collect();
         let tree: RTree<GeomWithData<[f64; 2], usize>> = RTree::bulk_load(places);
         let mut surfels = Self::default();
@@ -120,7 +131,7 @@ impl Surfels {
             let next = neighbours(anchor, normal, &patches, &tree, h);
             surfels.push((anchor, normal), (next, LONELY_REACH * h), &groups[patch.groups.clone()], viewpoints);
         }
-        surfels
+        (surfels, owners)
     }
 
     /// Drops the surfels without a mark, and gives the share of the returns that stay. Where there is no mark at all,
@@ -136,6 +147,23 @@ impl Surfels {
         let mut mark = marks.iter();
         self.all.retain(|_| mark.next().copied().unwrap_or(true));
         count(&self.all, &self.witnesses) / before
+    }
+
+    /// Moves what the scans know with their poses, from where returns were gathered to where they are put now. Anchors,
+    /// normals, weights and which returns belong together stay.
+    pub fn reproject(&mut self, gathered: &[Pose], put: &[Pose], viewpoints: &[Viewpoint]) {
+        for surfel in &mut self.all {
+            let own = &mut self.witnesses[surfel.witnesses.clone()];
+            for witness in own.iter_mut() {
+                let (from, to) = (&gathered[witness.scan], &put[witness.scan]);
+                let (sin, cos) = (to.theta - from.theta).sin_cos();
+                let arm = witness.gathered - from.position();
+                let arm = Vec2::new(cos * arm.x - sin * arm.y, sin * arm.x + cos * arm.y);
+                witness.offset = surfel.normal.dot(&(to.position() + arm - surfel.anchor));
+                witness.by_pose = by_pose(&viewpoints[witness.scan], surfel.normal, arm);
+            }
+            surfel.offset = own.iter().map(|witness| witness.weight * witness.offset).sum::<f64>() / surfel.weight;
+        }
     }
 
     /// What the scans know of a surfel, one by one.
@@ -172,8 +200,7 @@ impl Surfels {
 impl Witness {
     fn of(group: &Group, anchor: Vec2, normal: Vec2, viewpoints: &[Viewpoint]) -> Self {
         let viewpoint = &viewpoints[group.scan];
-        let arm = turned(group.mean - viewpoint.position);
-        let by_pose = viewpoint.root.transpose() * Vector3::new(normal.x, normal.y, normal.dot(&arm));
+        let by_pose = by_pose(viewpoint, normal, group.mean - viewpoint.position);
         let range_variance = viewpoint.noise.range_variance * normal.dot(&(group.along * normal)) / group.count;
         let own = if viewpoint.noise.pose.is_some() { by_pose.norm_squared() } else { 0.0 };
         let weight = 1.0 / (range_variance + own + viewpoint.noise.model_variance).max(LEAST_VARIANCE);
@@ -184,11 +211,23 @@ impl Witness {
             weight,
             range_variance,
             by_pose,
+            gathered: group.mean,
         }
     }
 }
 
-fn patches(returns: &[Return], normals: &[Vec2], viewpoints: &[Viewpoint], h: f64) -> (Vec<Patch>, Vec<Group>) {
+/// How a place at `arm` from its scanner moves along a normal with its pose's unknowns.
+fn by_pose(viewpoint: &Viewpoint, normal: Vec2, arm: Vec2) -> Vector3<f64> {
+    viewpoint.root.transpose() * Vector3::new(normal.x, normal.y, normal.dot(&turned(arm)))
+}
+
+/// The patches, the groups they are made of, and the patch of each return.
+fn patches(
+    returns: &[Return],
+    normals: &[Vec2],
+    viewpoints: &[Viewpoint],
+    h: f64,
+) -> (Vec<Patch>, Vec<Group>, Vec<usize>) {
     let side = h / SQUARES;
     let key = |k: usize| {
         let (p, n) = (returns[k].point, normals[k]);
@@ -197,9 +236,10 @@ fn patches(returns: &[Return], normals: &[Vec2], viewpoints: &[Viewpoint], h: f6
     };
     let mut order: Vec<_> = (0..returns.len()).map(|k| (key(k), returns[k].scan, k)).collect();
     order.sort_unstable();
-    let (mut patches, mut groups) = (Vec::new(), Vec::new());
+    let (mut patches, mut groups, mut owners) = (Vec::new(), Vec::new(), vec![0; returns.len()]);
     for square in order.chunk_by(|a, b| a.0 == b.0) {
         let first = groups.len();
+        square.iter().for_each(|&(_, _, k)| owners[k] = patches.len());
         let facing: Vec2 = square.iter().map(|&(_, _, k)| normals[k]).sum();
         let normal = facing.try_normalize(1e-9).unwrap_or(normals[square[0].2]);
         groups
@@ -212,7 +252,7 @@ fn patches(returns: &[Return], normals: &[Vec2], viewpoints: &[Viewpoint], h: f6
         }
         patches.push(Patch { center: center / weight, normal, groups: first..groups.len(), weight });
     }
-    (patches, groups)
+    (patches, groups, owners)
 }
 
 fn group<'a>(scan: usize, own: impl Iterator<Item = &'a Return>) -> Group {
@@ -306,8 +346,8 @@ mod tests {
         let scans = simulate(&room, &Lidar::of_degrees(360, 359.0), &poses, &exact, 5);
         let scans = misplaced(&scans, &Noise { sigma_x: 0.03, sigma_y: 0.03, sigma_theta: 0.002, sigma_range: 0.0 }, 2);
         let returns = returns_of(&scans);
-        let normals = super::super::normals::outward(&returns, H);
-        let surfels = Surfels::gather(&returns, &normals, &viewpoints(&scans, &Noise::EXPERIMENT_ONE), H);
+        let normals = normals::outward(&returns, H);
+        let (surfels, _) = Surfels::gather(&returns, &normals, &viewpoints(&scans, &Noise::EXPERIMENT_ONE), H);
         (scans, returns, surfels)
     }
 

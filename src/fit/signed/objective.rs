@@ -14,39 +14,19 @@
 
 use std::sync::Arc;
 
-use faer::Mat;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
-use super::bordered::System;
-use super::chain::{by_control_points, by_inputs};
+use super::chain::{InputJet, by_control_points, by_inputs};
 use super::eikonal::EikonalLoss;
-use super::gauge;
 use super::loss::Curvature;
 use super::sightings::{Placed, Sighting, Sightings};
-use crate::geometry::Vec2;
-use crate::sparse::{CellBlock, Stencil, StencilMatrix};
+use crate::fit::collocation::{gauss, thin_plate};
+use crate::fit::gauge;
+use crate::fit::system::System;
+use crate::geometry::{Cov3, Vec2};
+use crate::sparse::{CellBlock, Pattern, Stencil, StencilMatrix, Views};
+use crate::fit::PRIOR;
 use crate::spline::{BasisRow, Jet, Lattice, Located, SUPPORT, dot, gather, third_derivatives};
-
-/// Gauss-Legendre points on [0, 1] with their weights, by number.
-pub(super) fn gauss(points: usize) -> &'static [(f64, f64)] {
-    const TWO: [(f64, f64); 2] = [(0.211_324_865_405_187_1, 0.5), (0.788_675_134_594_812_9, 0.5)];
-    const THREE: [(f64, f64); 3] = [
-        (0.112_701_665_379_258_31, 0.277_777_777_777_777_8),
-        (0.5, 0.444_444_444_444_444_4),
-        (0.887_298_334_620_741_7, 0.277_777_777_777_777_8),
-    ];
-    const FOUR: [(f64, f64); 4] = [
-        (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
-        (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),
-        (0.669_990_521_792_428_1, 0.326_072_577_431_273_07),
-        (0.930_568_155_797_026_3, 0.173_927_422_568_726_93),
-    ];
-    match points {
-        2 => &TWO,
-        3 => &THREE,
-        _ => &FOUR,
-    }
-}
 
 /// A quadrature point's basis rows and the products a Hessian is made of.
 struct QuadraturePoint {
@@ -100,7 +80,7 @@ impl Objective {
     }
 
     /// Changes the weights: the Eikonal loss, the thin-plate weight, and whether the poses are unknowns.
-    pub(super) fn reweigh(&mut self, eikonal: EikonalLoss, smoothing: f64, refined: bool) {
+    pub fn reweigh(&mut self, eikonal: EikonalLoss, smoothing: f64, refined: bool) {
         self.eikonal = eikonal;
         self.thin_plate = thin_plate(self.lattice.resolution, smoothing);
         self.sightings.refine(refined);
@@ -111,16 +91,59 @@ impl Objective {
         self.lattice.len() + self.sightings.pose_unknowns()
     }
 
-    /// An empty system of this objective's size.
-    pub fn system(&self) -> System {
-        let poses = self.sightings.pose_unknowns();
-        System {
-            gradient: vec![0.0; self.unknowns()],
-            hessian: StencilMatrix::zeros(self.stencil.clone()),
-            coupling: Mat::zeros(self.lattice.len(), poses),
-            poses: vec![Matrix3::zeros(); poses / 3],
-            gauge: self.sightings.gauge.clone(),
+    /// An empty system of this objective's size, for returns where the pose unknowns `e` put them.
+    pub fn system(&self, e: &[f64]) -> System {
+        let seen = if self.sightings.refined { self.views(&self.sightings.at(&self.lattice, e)) } else { Vec::new() };
+        System::zeros(self.pattern(&seen), self.sightings.gauge.clone())
+    }
+
+    /// Which cells each refined pose's returns lie in, as (pose, cell's lowest control point), ascending.
+    fn views(&self, placed: &Placed) -> Vec<(usize, usize)> {
+        let mut seen: Vec<(usize, usize)> = self
+            .occupied(placed)
+            .flat_map(|(cell, sightings)| {
+                let first = self.lattice.support(cell)[0];
+                sightings.iter().map(move |sighting| (sighting.seen.scan, first))
+            })
+            .collect();
+        seen.sort_unstable();
+        seen.dedup();
+        seen
+    }
+
+    /// The pattern with every pose, refined or not, as reported.
+    pub(super) fn pattern_of_all_poses(&self) -> Arc<Pattern> {
+        let seen = self.views(&self.sightings.at(&self.lattice, &[]));
+        self.pattern_of(self.sightings.viewpoints.len(), &seen)
+    }
+
+    fn pattern(&self, seen: &[(usize, usize)]) -> Arc<Pattern> {
+        self.pattern_of(self.sightings.pose_unknowns() / 3, seen)
+    }
+
+    fn pattern_of(&self, poses: usize, seen: &[(usize, usize)]) -> Arc<Pattern> {
+        let row = self.lattice.control_points()[0];
+        let points = |first: usize| (0..SUPPORT).map(move |k| first + k % 4 + k / 4 * row);
+        let pairs = seen.iter().flat_map(|&(pose, first)| points(first).map(move |point| (pose, point)));
+        Pattern::new(self.stencil.clone(), 1, Views::of(poses, pairs))
+    }
+
+    /// Makes room in a system for what the poses see; what they saw before keeps its place.
+    fn make_room(&self, placed: &Placed, system: &mut System) {
+        let row = self.lattice.control_points()[0];
+        let views = system.hessian.pattern().views();
+        let whole = |&(pose, first): &(usize, usize)| {
+            (0..SUPPORT).all(|k| views.position(pose, first + k % 4 + k / 4 * row).is_some())
+        };
+        let seen = self.views(placed);
+        if seen.iter().all(whole) {
+            return;
         }
+        let points = seen.iter().flat_map(|&(pose, first)| {
+            (0..SUPPORT).map(move |k| (pose, first + k % 4 + k / 4 * row))
+        });
+        let views = Views::of(views.poses(), views.pairs().chain(points));
+        *system = System::zeros(Pattern::new(self.stencil.clone(), 1, views), system.gauge.clone());
     }
 
     /// The objective's value at the unknowns.
@@ -149,7 +172,7 @@ impl Objective {
     /// The gradient at the unknowns, without the Hessian where poses are fixed.
     pub fn gradient(&self, unknowns: &[f64]) -> Vec<f64> {
         if self.sightings.refined {
-            let mut system = self.system();
+            let mut system = self.system(&unknowns[self.lattice.len()..]);
             self.assemble(unknowns, Curvature::CONVEX, &mut system);
             return system.gradient;
         }
@@ -203,15 +226,19 @@ impl Objective {
     /// The value; gradient and Hessian are written over what `system` held.
     pub fn assemble(&self, unknowns: &[f64], curvature: Curvature, system: &mut System) -> f64 {
         let (c, e) = unknowns.split_at(self.lattice.len());
+        let placed = self.sightings.at(&self.lattice, e);
+        if self.sightings.refined {
+            self.make_room(&placed, system);
+        }
         system.clear();
         let surface = self.assemble_surface(c, curvature, system);
         let stencil = &self.stencil;
-        system.hessian.shift_diagonal(|k| f64::from(u8::from(!stencil.is_active(k))));
-        let sightings = self.assemble_sightings(c, e, curvature, system);
+        system.hessian.shift_diagonal(|_, k| f64::from(u8::from(!stencil.is_active(k))));
+        let sightings = self.assemble_sightings(c, &placed, curvature, system);
         for (gradient, e) in system.gradient[c.len()..].iter_mut().zip(e) {
             *gradient += 2.0 * e;
         }
-        system.poses.iter_mut().for_each(|block| *block += Matrix3::identity() * 2.0);
+        (0..e.len() / 3).for_each(|pose| system.hessian.add_pose(pose, &(Matrix3::identity() * PRIOR)));
         gauge::add_pull(&self.sightings.gauge, e, &mut system.gradient[c.len()..]);
         surface + sightings + self.prior(e)
     }
@@ -242,14 +269,14 @@ impl Objective {
                 block.add_scaled(jet.hessian[(1, 1)], &point.yy);
             }
             support.iter().zip(&slope).for_each(|(&k, s)| system.gradient[k] += s);
-            system.hessian.add_cell(support[0], &block);
+            system.hessian.add_cell((0, 0), support[0], &block);
         }
         total
     }
 
-    fn assemble_sightings(&self, c: &[f64], e: &[f64], curvature: Curvature, system: &mut System) -> f64 {
+    fn assemble_sightings(&self, c: &[f64], placed: &Placed, curvature: Curvature, system: &mut System) -> f64 {
         let mut total = 0.0;
-        for (cell, sightings) in self.occupied(&self.sightings.at(&self.lattice, e)) {
+        for (cell, sightings) in self.occupied(placed) {
             let support = self.lattice.support(cell);
             let local = gather(c, &support);
             let (mut block, mut slope) = (CellBlock::ZERO, [0.0; SUPPORT]);
@@ -264,11 +291,11 @@ impl Objective {
                     let third = self.third(&sighting.located, &local);
                     let inputs = by_inputs(&row, &jet, &surface, &third, &sighting.seen, curvature);
                     let root = &self.sightings.viewpoints[sighting.seen.scan].root;
-                    system.add_pose(sighting.seen.scan, &support, root, &inputs);
+                    add_pose(system, sighting.seen.scan, &support, root, &inputs);
                 }
             }
             support.iter().zip(&slope).for_each(|(&k, s)| system.gradient[k] += s);
-            system.hessian.add_cell(support[0], &block);
+            system.hessian.add_cell((0, 0), support[0], &block);
         }
         total
     }
@@ -329,6 +356,16 @@ impl Objective {
     }
 }
 
+/// Adds one sighting's derivatives by its scan's pose unknowns, `q = q0 + R e`.
+fn add_pose(system: &mut System, scan: usize, support: &[usize; SUPPORT], root: &Cov3, inputs: &InputJet) {
+    let first = system.hessian.pattern().coefficients() + 3 * scan;
+    let by_unknowns = root.transpose() * inputs.gradient.xyz();
+    (0..3).for_each(|k| system.gradient[first + k] += by_unknowns[k]);
+    let by_pose = |at: usize| root.transpose() * Vector3::from_fn(|a, _| inputs.mixed[a][at]);
+    system.hessian.add_coupling((0, scan), support, by_pose);
+    system.hessian.add_pose(scan, &(root.transpose() * inputs.second.fixed_view::<3, 3>(0, 0) * root));
+}
+
 /// A surface's jet from its basis row and its cell's coefficients.
 #[inline]
 pub(crate) fn local_jet(row: &BasisRow, local: &[f64; SUPPORT]) -> Jet {
@@ -338,19 +375,4 @@ pub(crate) fn local_jet(row: &BasisRow, local: &[f64; SUPPORT]) -> Jet {
         gradient: Vec2::new(dot(&row.dx, local), dot(&row.dy, local)),
         hessian: crate::geometry::Cov2::new(dot(&row.dxx, local), xy, xy, dot(&row.dyy, local)),
     }
-}
-
-/// The Hessian block of the thin-plate energy over one cell: exact, since 4 Gauss points a side integrate degree 7.
-pub(super) fn thin_plate(h: f64, weight: f64) -> CellBlock {
-    let mut block = CellBlock::ZERO;
-    for &(t, t_weight) in gauss(4) {
-        for &(w, w_weight) in gauss(4) {
-            let row = BasisRow::at(t, w, h);
-            let scale = 2.0 * weight * t_weight * w_weight * h * h;
-            block.add_scaled(scale, &CellBlock::symmetric_product(&row.dxx, &row.dxx));
-            block.add_scaled(2.0 * scale, &CellBlock::symmetric_product(&row.dxy, &row.dxy));
-            block.add_scaled(scale, &CellBlock::symmetric_product(&row.dyy, &row.dyy));
-        }
-    }
-    block
 }
