@@ -85,7 +85,9 @@ fn marginals(c: &mut Criterion) {
     let go_on = |_: f64| true;
     let g = fit.system.hessian.clone();
     c.bench_function("selected inverse", |b| b.iter(|| selected_inverse(&fit.cholesky, &go_on).unwrap()));
-    c.bench_function("selected inverse and sandwich", |b| b.iter(|| selected_sandwich(&fit.cholesky, &g, &go_on).unwrap()));
+    c.bench_function("selected inverse and sandwich", |b| {
+        b.iter(|| selected_sandwich(&fit.cholesky, &g, &go_on).unwrap())
+    });
 }
 
 fn query(c: &mut Criterion) {

@@ -120,6 +120,11 @@ fn predicted_uncertainty_is_what_sixty_draws_of_the_noise_show() {
 #[test]
 fn the_same_input_gives_the_same_bytes() {
     let scenario = Scenario::experiment_one();
-    let bytes = || map_of(&scenario, Weighting::Calibrated, 7).to_npz().unwrap();
-    assert_eq!(bytes(), bytes());
+    let bytes = || {
+        let mut map = map_of(&scenario, Weighting::Calibrated, 7);
+        // All but how long it took.
+        (map.report.seconds, map.report.stages) = (0.0, Default::default());
+        map.to_npz().unwrap()
+    };
+    assert!(bytes() == bytes());
 }

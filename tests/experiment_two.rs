@@ -93,7 +93,8 @@ fn check_draws(survey: &sim::Survey, bars: &Bars) {
     let of = |all: &[DistanceJudgement], one: fn(&DistanceJudgement) -> f64| {
         median(&all.iter().map(one).collect::<Vec<_>>())
     };
-    let [mean, far, covered] = [of(&everywhere, |d| d.mean), of(&everywhere, |d| d.far), of(&everywhere, |d| d.coverage)];
+    let [mean, far, covered] =
+        [of(&everywhere, |d| d.mean), of(&everywhere, |d| d.far), of(&everywhere, |d| d.coverage)];
     assert!(mean <= 0.05 && far <= 0.002, "mean {mean}, far {far}");
     assert!(bars.coverage.contains(&covered), "coverage of the distance {covered}");
     let reckless = of(&everywhere, |d| d.reckless);

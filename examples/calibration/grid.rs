@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use mapfit::fit::{FitOptions, fit};
+use mapfit::fit::{Distance, FitOptions, fit};
 use mapfit::spline::Lattice;
 
 use super::cases::Case;
@@ -40,8 +40,9 @@ pub fn line(case: &Case, truth: &Truth, options: &FitOptions, replicates: u64, t
         let lattice = Lattice::covering(&scenario.bounds, scenario.resolution, 1_000_000).expect("a lattice");
         let scans = scenario.scans(1000 + seed);
         let fitted =
-            fit(&scans, &scenario.noise, &lattice, options, &mut |_| ControlFlow::Continue(())).expect("a fit");
-        let distance = |p| fitted.surface.jet(p).map_or(f64::NAN, |jet| jet.value);
+            fit(&scans, &scenario.noise, Distance::Signed, &lattice, options, &mut |_| ControlFlow::Continue(()))
+                .expect("a fit");
+        let distance = |p| fitted.surfaces[0].jet(p).map_or(f64::NAN, |jet| jet.value);
         let wall = rms(truth.boundary.iter().map(|&p| distance(p)));
         let inside = rms(truth.inside.iter().map(|&(p, exact)| distance(p) - exact));
         (wall, inside, fitted.weights)

@@ -66,18 +66,18 @@ pub struct Minimum {
 /// An input that the minimum depends on, in units of its standard deviation: the mixed derivatives of the objective by
 /// it and by the unknowns it touches.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Input {
+pub struct Input<'a> {
     /// The lowest control point of its cell.
     pub first: usize,
     /// By the cell's control points, component by component.
     pub by_control_points: [[f64; SUPPORT]; 2],
-    /// By the unknowns of one pose.
-    pub by_pose: Option<(usize, Vector3<f64>)>,
+    /// By the unknowns of poses that see the cell.
+    pub by_poses: &'a [(usize, Vector3<f64>)],
 }
 
 /// All inputs of a fit but its poses' reports: ranges, and what the model cannot follow.
 pub trait Inputs: Send {
-    fn for_each(&self, each: &mut dyn FnMut(&Input));
+    fn for_each(&self, each: &mut dyn FnMut(&Input<'_>));
 }
 
 /// See the module.

@@ -167,7 +167,9 @@ fn why_not(converged: bool, minimum: &Minimum, options: &FitOptions) -> Option<S
              fit.max_iterations allows more",
             options.tolerance
         ),
-        (false, _) => format!("no step lowers the objective any more, at a relative gradient of {relative_gradient:.1e}"),
+        (false, _) => {
+            format!("no step lowers the objective any more, at a relative gradient of {relative_gradient:.1e}")
+        }
     })
 }
 

@@ -47,8 +47,7 @@ const RIDGE: f64 = 1e-9;
 pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, FitError> {
     let &Job { scans, noise, lattice, options, .. } = job;
     let returns = returns_inside(scans, lattice)?;
-    let mut weights =
-        Weights::resolve(options, lattice.resolution, information(lattice, &returns, noise.sigma_range));
+    let mut weights = Weights::resolve(options, lattice.resolution, information(lattice, &returns, noise.sigma_range));
     weights.smoothing = options.smoothing.unwrap_or(SMOOTHING);
     weights.poses = Poses::Fixed;
     let viewpoints = viewpoints(scans, noise, weights.model_sigma)?;
@@ -81,7 +80,9 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
         minimum,
         weights,
         converged: false,
-        unconverged: Some("the published vector objective leaves the field's turn open: it has no minimum to certify".into()),
+        unconverged: Some(
+            "the published vector objective leaves the field's turn open: it has no minimum to certify".into(),
+        ),
         resume: Vec::new(),
         system,
         inputs: Box::new(inputs),
@@ -150,10 +151,10 @@ impl PublishedInputs {
 }
 
 impl Inputs for PublishedInputs {
-    fn for_each(&self, each: &mut dyn FnMut(&Input)) {
+    fn for_each(&self, each: &mut dyn FnMut(&Input<'_>)) {
         self.for_each_return(|seen, support, by| {
             let sigma = self.viewpoints[seen.scan].noise.range_variance.sqrt();
-            each(&Input { first: support[0], by_control_points: by(seen.direction * sigma), by_pose: None });
+            each(&Input { first: support[0], by_control_points: by(seen.direction * sigma), by_poses: &[] });
         });
     }
 }

@@ -6,10 +6,10 @@
 use axum::response::Response;
 use serde_json::json;
 
+use super::TENANT;
 use super::maps::{lattice_json, to_json};
 use super::negotiate::{Format, JSON, NPZ};
 use super::params::Params;
-use super::TENANT;
 use super::problem::Problem;
 use super::representation::{MapRequest, Settled};
 use crate::jobs::JobRequest;
@@ -92,7 +92,8 @@ pub async fn covariance(mut request: MapRequest) -> Result<Response, Problem> {
     let n = wanted.record.lattice.len();
     let points: Vec<usize> = (0..components).flat_map(|k| one.iter().map(move |point| k * n + point)).collect();
     let packed = wanted.state.workshop.records.request(TENANT, &wanted.record.job_id).await?;
-    let packed = packed.ok_or_else(|| Problem::not_found("the map's job is gone, and with it what this is formed from"))?;
+    let packed =
+        packed.ok_or_else(|| Problem::not_found("the map's job is gone, and with it what this is formed from"))?;
     let map = wanted.state.load(&wanted.record).await?;
     let limits = wanted.state.workshop.limits;
     let make = move || {

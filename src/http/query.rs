@@ -13,11 +13,11 @@ use super::maps::to_json;
 use super::negotiate::{JSON, NPY, NPZ, negotiate};
 use super::params::Params;
 use super::problem::Problem;
+use crate::fit::Distance;
 use crate::geometry::{Cov2, Vec2};
 use crate::jobs::Fault;
 use crate::jobs::document::Node;
 use crate::map::npz::{NpzError, NpzWriter};
-use crate::fit::Distance;
 use crate::map::{Answer, FittedMap};
 use crate::uncertainty::Kind;
 
@@ -182,7 +182,11 @@ fn answer(map: &FittedMap, question: &Question) -> QueryAnswer {
 
 /// The answer as arrays of the same names; what is null is NaN, and false for `observed`.
 fn answer_npz(answer: &QueryAnswer) -> Result<Vec<u8>, NpzError> {
-    fn rows<const K: usize>(npz: &mut NpzWriter, name: &str, rows: &Option<Vec<Option<[f64; K]>>>) -> Result<(), NpzError> {
+    fn rows<const K: usize>(
+        npz: &mut NpzWriter,
+        name: &str,
+        rows: &Option<Vec<Option<[f64; K]>>>,
+    ) -> Result<(), NpzError> {
         if let Some(rows) = rows {
             let flat: Vec<f64> = rows.iter().flat_map(|row| row.unwrap_or([f64::NAN; K])).collect();
             npz.array(name, &[rows.len(), K], &flat)?;

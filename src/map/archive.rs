@@ -126,9 +126,11 @@ fn write_surfaces(npz: &mut NpzWriter, surfaces: &Surfaces) -> Result<(), NpzErr
     let ends: Vec<f64> = facets.iter().flat_map(|f| f.ends.map(|p| [p.x, p.y])).flatten().collect();
     let sigma: Vec<f64> = facets.iter().flat_map(|f| f.sigma).collect();
     let open: Vec<bool> = facets.iter().flat_map(|f| f.open).collect();
-    npz.array("facets", &[facets.len(), 2, 2], &ends)?
-        .array("facet_sigma", &[facets.len(), 2], &sigma)?
-        .array("facet_open", &[facets.len(), 2], &open)?;
+    npz.array("facets", &[facets.len(), 2, 2], &ends)?.array("facet_sigma", &[facets.len(), 2], &sigma)?.array(
+        "facet_open",
+        &[facets.len(), 2],
+        &open,
+    )?;
     Ok(())
 }
 

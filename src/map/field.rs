@@ -70,7 +70,10 @@ impl CellCovariance {
     pub fn of(marginals: &Marginals, kind: Kind) -> Self {
         let own = marginals.of(kind);
         let k = own.pattern().components();
-        Self { parts: (0..k * k).map(|part| own.stencil_block(part / k, part % k)).collect() }
+        let mut parts: Vec<StencilMatrix> = (0..k * k).map(|part| own.stencil_block(part / k, part % k)).collect();
+        // As a file keeps them, so that a map is the same before it is stored and after.
+        parts.iter_mut().flat_map(|part| &mut part.values).for_each(|value| *value = f64::from(*value as f32));
+        Self { parts }
     }
 
     /// The forms of a cell's blocks with one basis row: `[xx]`, or `[xx, xy, yy]`, the cross one being a mean.

@@ -9,8 +9,8 @@
 use geo_types::{Coord, LineString, MultiLineString, MultiPolygon, Polygon};
 
 use super::RenderError;
-use crate::geometry::{Vec2, turned};
 use crate::fit::Distance;
+use crate::geometry::{Vec2, turned};
 use crate::map::{FittedMap, Samples, level_lines, zero_lines};
 use crate::uncertainty::Kind;
 

@@ -6,8 +6,8 @@ use super::RenderError;
 use super::contour::{Contours, contours};
 use super::figure::{Axes, Figure};
 use super::occupancy::OccupancyGrid;
-use crate::geometry::{Pose, Vec2};
 use crate::fit::Distance;
+use crate::geometry::{Pose, Vec2};
 use crate::map::FittedMap;
 use crate::uncertainty::Kind;
 

@@ -20,11 +20,11 @@ use thiserror::Error;
 pub use page::page;
 pub use truth::{DistanceJudgement, GridJudgement, Judgement, Truth};
 
+use crate::map::SurveyError;
 use crate::render::RenderError;
 use crate::sim::{Scenario, Survey};
 use crate::sparse::SparseError;
 use crate::spline::LatticeError;
-use crate::map::SurveyError;
 
 /// The draw of the noise that is shown.
 const SEED: u64 = 1;

@@ -108,6 +108,15 @@ impl Cholesky {
         &self.pattern
     }
 
+    /// Whether the factor holds an entry between two unknowns.
+    pub fn holds(&self, a: usize, b: usize) -> bool {
+        let (Some(symbolic), Some(permutation)) = (self.supernodal(), self.symbolic.perm()) else { return false };
+        let inverse = permutation.arrays().1;
+        let (first, last) = (inverse[a].min(inverse[b]), inverse[a].max(inverse[b]));
+        let s = symbolic.supernode_end().partition_point(|&end| end <= first);
+        last < symbolic.supernode_end()[s] || symbolic.supernode(s).pattern().binary_search(&last).is_ok()
+    }
+
     /// The number of stored entries of the factor.
     pub fn fill(&self) -> usize {
         self.values.len()

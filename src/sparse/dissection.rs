@@ -68,8 +68,7 @@ fn dissect(part: Part, poses: Vec<View>, row: usize, order: &mut Vec<Step>) {
         return;
     }
     let lower = (part.size[axis] - SEPARATOR) / 2;
-    let halves =
-        [part.piece(axis, 0, lower), part.piece(axis, lower + SEPARATOR, part.size[axis] - lower - SEPARATOR)];
+    let halves = [part.piece(axis, 0, lower), part.piece(axis, lower + SEPARATOR, part.size[axis] - lower - SEPARATOR)];
     let (mut below, mut here): ([Vec<View>; 2], Vec<View>) = Default::default();
     for (pose, view) in poses {
         match halves.map(|half| view.iter().any(|point| half.holds(*point))) {

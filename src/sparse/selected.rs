@@ -302,6 +302,10 @@ impl<'a> Panels<'a> {
             let at = self.address(inverse[row], inverse[column]);
             self.values[at] = g.values()[source];
         }
+        for (row, column, value) in g.pair_entries() {
+            let at = self.address(inverse[row], inverse[column]);
+            self.values[at] = value;
+        }
     }
 
     fn on_pattern(&self, cholesky: &Cholesky, inverse: &[usize]) -> SystemMatrix {
@@ -384,13 +388,11 @@ mod tests {
                 block.add_scaled(n[a] * n[b], &square);
                 matrix.add_cell((a, b), first, &block);
             }
-            let seen = (0..pattern.views().poses()).filter(|&pose| {
-                [first, support[15]].iter().all(|&p| pattern.views().position(pose, p).is_some())
-            });
+            let seen = (0..pattern.views().poses())
+                .filter(|&pose| [first, support[15]].iter().all(|&p| pattern.views().position(pose, p).is_some()));
             if let Some(pose) = seen.max_by_key(|pose| (pose * 7 + i + j) % 5) {
                 let own = Vector3::new(rng.random_range(-1.0..1.0), rng.random_range(-1.0..1.0), 0.3);
-                (0..components)
-                    .for_each(|k| matrix.add_coupling((k, pose), &support, |at| own * (n[k] * v[at])));
+                (0..components).for_each(|k| matrix.add_coupling((k, pose), &support, |at| own * (n[k] * v[at])));
                 matrix.add_pose(pose, &(own * own.transpose()));
             }
         }

@@ -5,6 +5,7 @@
 //! block xy is between the x coefficient of the row's control point and the y coefficient of the column's, for rows no
 //! lower than columns.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use faer::Mat;
@@ -19,6 +20,8 @@ use crate::spline::SUPPORT;
 pub struct SystemMatrix {
     pattern: Arc<Pattern>,
     values: Vec<f64>,
+    /// Blocks between poses, by the greater and the lesser one: entries of a factor's pattern, not of the matrix's own.
+    pairs: BTreeMap<(usize, usize), Matrix3<f64>>,
 }
 
 /// A symmetric matrix that faer can factorise and whose solves can be checked.
@@ -32,12 +35,7 @@ pub trait Symmetric {
 impl SystemMatrix {
     pub fn zeros(pattern: Arc<Pattern>) -> Self {
         let values = vec![0.0; pattern.parts().end];
-        Self { pattern, values }
-    }
-
-    /// A matrix from its values, which lie as [`SystemMatrix::values`] has them; `None` where their number is another.
-    pub fn from_values(pattern: Arc<Pattern>, values: Vec<f64>) -> Option<Self> {
-        (values.len() == pattern.parts().end).then_some(Self { pattern, values })
+        Self { pattern, values, pairs: BTreeMap::new() }
     }
 
     pub fn pattern(&self) -> &Arc<Pattern> {
@@ -51,6 +49,7 @@ impl SystemMatrix {
 
     pub fn clear(&mut self) {
         self.values.fill(0.0);
+        self.pairs.clear();
     }
 
     pub fn scale(&mut self, factor: f64) {
@@ -134,6 +133,22 @@ impl SystemMatrix {
         (0..9).for_each(|k| self.values[first + k] += block[(k / 3, k % 3)]);
     }
 
+    /// Adds to the block between two different poses, which the factor must hold ([`super::Cholesky::holds`]).
+    pub fn add_pair(&mut self, (a, b): (usize, usize), block: &Matrix3<f64>) {
+        match a > b {
+            true => *self.pairs.entry((a, b)).or_default() += block,
+            false => *self.pairs.entry((b, a)).or_default() += block.transpose(),
+        }
+    }
+
+    /// The entries between different poses, as (row, column, value).
+    pub(super) fn pair_entries(&self) -> impl Iterator<Item = (usize, usize, f64)> + '_ {
+        let first = self.pattern.coefficients();
+        self.pairs.iter().flat_map(move |((a, b), block)| {
+            (0..9).map(move |k| (first + 3 * a + k / 3, first + 3 * b + k % 3, block[(k / 3, k % 3)]))
+        })
+    }
+
     /// A pose's own block.
     pub fn pose(&self, pose: usize) -> Matrix3<f64> {
         let first = self.pattern.parts().poses + 9 * pose;
@@ -173,6 +188,10 @@ impl SystemMatrix {
             dense[(row, column)] = self.values[at];
             dense[(column, row)] = self.values[at];
         }
+        for (row, column, value) in self.pair_entries() {
+            dense[(row, column)] = value;
+            dense[(column, row)] = value;
+        }
         dense
     }
 }
@@ -184,6 +203,10 @@ impl Symmetric for SystemMatrix {
 
     fn times(&self, x: &[f64]) -> Vec<f64> {
         let mut y = vec![0.0; x.len()];
+        for (row, column, value) in self.pair_entries() {
+            y[row] += value * x[column];
+            y[column] += value * x[row];
+        }
         for (row, column, at) in self.pattern.entries() {
             let value = self.values[at];
             y[row] += value * x[column];

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 
-use super::marginals::ROUNDING;
+use super::marginals::{ROUNDING, for_each_carried};
 use super::{CompressedColumns, Kind, UncertaintyError};
 use crate::fit::{Estimate, Factor, Poses, System, gauge};
 use crate::sparse::Cholesky;
@@ -48,14 +48,13 @@ impl Factors {
         let (n, first_pose) = (pattern.stencil().dimension(), pattern.coefficients());
         let row = pattern.stencil().size()[0];
         let mut inputs = CompressedColumns::new(pattern.dimension());
-        estimate.inputs.for_each(&mut |input| {
+        for_each_carried(estimate, &mut |input| {
             let point = |k: usize| input.first + k % 4 + k / 4 * row;
             let rows = input.by_control_points[..pattern.components()].iter().enumerate();
             let on_map = rows.flat_map(|(axis, own)| (0..SUPPORT).map(move |k| (axis * n + point(k), own[k])));
-            let on_pose = input.by_pose.into_iter().flat_map(|(pose, own)| {
-                (0..3).map(move |a| (first_pose + 3 * pose + a, own[a]))
-            });
-            inputs.push(on_map.chain(on_pose).filter(|(_, value)| *value != 0.0));
+            let poses = input.by_poses.iter();
+            let on_poses = poses.flat_map(|(pose, own)| (0..3).map(move |a| (first_pose + 3 * pose + a, own[a])));
+            inputs.push(on_map.chain(on_poses).filter(|(_, value)| *value != 0.0));
         });
         Self { system: estimate.system.clone(), poses: estimate.weights.poses, prior: estimate.prior(), inputs }
     }
@@ -66,12 +65,7 @@ impl Factors {
     }
 
     /// The dense covariance between the given coefficients, row-major, exact. `go_on` says whether to go on.
-    pub fn block(
-        &self,
-        kind: Kind,
-        points: &[usize],
-        go_on: &dyn Fn() -> bool,
-    ) -> Result<Vec<f64>, UncertaintyError> {
+    pub fn block(&self, kind: Kind, points: &[usize], go_on: &dyn Fn() -> bool) -> Result<Vec<f64>, UncertaintyError> {
         let mut cholesky = Cholesky::analyse(self.system.hessian.pattern())?;
         let factor = Factor::factorise(&self.system, &mut cholesky)?;
         let answer = factor.answer_to_common_motion().ok_or(UncertaintyError::NoMinimum)?;
@@ -93,7 +87,8 @@ impl Factors {
             }
             for (k, column) in panel.iter().enumerate() {
                 for (a, &row) in points.iter().enumerate() {
-                    let moved: f64 = (0..answer.ncols()).map(|mode| answer[(row, mode)] * answer[(*column, mode)]).sum();
+                    let moved: f64 =
+                        (0..answer.ncols()).map(|mode| answer[(row, mode)] * answer[(*column, mode)]).sum();
                     result[a * m + first + k] = x[(row, k)] + moved;
                 }
             }
@@ -119,7 +114,10 @@ impl Factors {
             image[first_pose..].iter_mut().zip(&own[first_pose..]).for_each(|(image, x)| *image += squared * x);
             for mode in 0..gauge.ncols() {
                 let along: f64 = own[first_pose..].iter().enumerate().map(|(row, x)| gauge[(row, mode)] * x).sum();
-                image[first_pose..].iter_mut().enumerate().for_each(|(row, v)| *v -= squared * along * gauge[(row, mode)]);
+                image[first_pose..]
+                    .iter_mut()
+                    .enumerate()
+                    .for_each(|(row, v)| *v -= squared * along * gauge[(row, mode)]);
             }
             image.iter().enumerate().for_each(|(row, value)| x[(row, k)] = *value);
         }
@@ -180,7 +178,10 @@ impl Factors {
         for b in 0..unknowns - n {
             inputs.push((0..unknowns - n).map(|a| (n + a, reports[(a, b)])).filter(|(_, v)| *v != 0.0));
         }
-        ExportedFactors { hessian: CompressedColumns::of(unknowns, columns.into_iter().map(|c| c.into_iter().collect())), inputs }
+        ExportedFactors {
+            hessian: CompressedColumns::of(unknowns, columns.into_iter().map(|c| c.into_iter().collect())),
+            inputs,
+        }
     }
 
     /// With the poses eliminated, or `None` where that would take more than `limit` entries. Whatever any scan saw is
@@ -198,7 +199,8 @@ impl Factors {
             return None;
         }
         let place = |row: usize| seen.partition_point(|&other| other < row);
-        let (mut coupling, mut block) = (Mat::<f64>::zeros(seen.len(), unknowns), gauge_block(&self.reports(), self.prior));
+        let (mut coupling, mut block) =
+            (Mat::<f64>::zeros(seen.len(), unknowns), gauge_block(&self.reports(), self.prior));
         for (k, column) in columns.drain(n..).enumerate() {
             for (row, value) in column {
                 match row.checked_sub(n) {

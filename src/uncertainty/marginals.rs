@@ -84,7 +84,7 @@ fn input_covariance(estimate: &Estimate) -> SystemMatrix {
     let hessian = &estimate.system.hessian;
     let n = hessian.pattern().stencil().dimension();
     let mut g = SystemMatrix::zeros(hessian.pattern().clone());
-    estimate.inputs.for_each(&mut |input| add_square(&mut g, input));
+    for_each_carried(estimate, &mut |input| add_square(&mut g, input));
     let squared = Matrix3::identity() * estimate.prior().powi(2);
     (0..estimate.poses.len()).for_each(|pose| g.add_pose(pose, &squared));
     let diagonal = hessian.diagonal();
@@ -93,31 +93,47 @@ fn input_covariance(estimate: &Estimate) -> SystemMatrix {
 }
 
 /// Adds `b b^T` of one input.
-fn add_square(g: &mut SystemMatrix, input: &Input) {
+fn add_square(g: &mut SystemMatrix, input: &Input<'_>) {
     let pattern = g.pattern().clone();
     let rows = &input.by_control_points[..pattern.components()];
     for (a, b) in (0..rows.len()).flat_map(|a| (0..rows.len()).map(move |b| (a, b))) {
         add_outer(g, (a, b), input.first, &rows[a], &rows[b]);
     }
-    if let Some((pose, own)) = input.by_pose {
-        let row = pattern.stencil().size()[0];
-        let support: [usize; SUPPORT] = std::array::from_fn(|k| input.first + k % 4 + k / 4 * row);
+    let row = pattern.stencil().size()[0];
+    let support: [usize; SUPPORT] = std::array::from_fn(|k| input.first + k % 4 + k / 4 * row);
+    for (k, &(pose, own)) in input.by_poses.iter().enumerate() {
         for (component, by_control_points) in rows.iter().enumerate() {
             g.add_coupling((component, pose), &support, |at| own * by_control_points[at]);
         }
         g.add_pose(pose, &(own * own.transpose()));
+        input.by_poses[..k].iter().for_each(|(other, theirs)| g.add_pair((pose, *other), &(own * theirs.transpose())));
     }
+}
+
+/// Poses that one input ties at most.
+const MOST_TIED: usize = 6;
+
+/// Calls back with every input as the sandwich can carry it. One that moves several poses at once ties them; where the
+/// factor holds no entry between two of them, or they are many, so that one cell is a small part of what any of them is
+/// known by, its share in the map and in each pose are taken as independent.
+pub(super) fn for_each_carried(estimate: &Estimate, each: &mut dyn FnMut(&Input<'_>)) {
+    let first_pose = estimate.system.hessian.pattern().coefficients();
+    estimate.inputs.for_each(&mut |input| {
+        let poses = input.by_poses;
+        let mut pairs = poses.iter().enumerate().flat_map(|(k, (a, _))| poses[..k].iter().map(move |(b, _)| (*a, *b)));
+        let tied = |(a, b): (usize, usize)| estimate.cholesky.holds(first_pose + 3 * a, first_pose + 3 * b);
+        if poses.len() <= MOST_TIED && pairs.all(tied) {
+            return each(input);
+        }
+        each(&Input { by_poses: &[], ..*input });
+        let by_control_points = [[0.0; SUPPORT]; 2];
+        poses.iter().for_each(|own| each(&Input { by_control_points, by_poses: std::slice::from_ref(own), ..*input }));
+    });
 }
 
 /// Adds the outer product of two rows of one cell to the block between two components. A block's stencil holds the
 /// pairs whose row is no lower than their column.
-fn add_outer(
-    g: &mut SystemMatrix,
-    block: (usize, usize),
-    first: usize,
-    a: &[f64; SUPPORT],
-    b: &[f64; SUPPORT],
-) {
+fn add_outer(g: &mut SystemMatrix, block: (usize, usize), first: usize, a: &[f64; SUPPORT], b: &[f64; SUPPORT]) {
     let mut packed = CellBlock::ZERO;
     let mut at = 0;
     for column in 0..SUPPORT {

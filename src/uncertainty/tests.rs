@@ -33,12 +33,12 @@ fn dense(estimate: &Estimate) -> (Mat<f64>, Mat<f64>) {
     (0..unknowns - n).for_each(|a| (0..unknowns - n).for_each(|b| m[(n + a, n + b)] += spring[(a, b)]));
     let (points, row) = (pattern.stencil().dimension(), pattern.stencil().size()[0]);
     let mut columns: Vec<Vec<(usize, f64)>> = Vec::new();
-    estimate.inputs.for_each(&mut |input| {
+    super::marginals::for_each_carried(estimate, &mut |input| {
         let mut column = Vec::new();
         for (k, own) in input.by_control_points[..pattern.components()].iter().enumerate() {
             column.extend((0..16).map(|at| (k * points + input.first + at % 4 + at / 4 * row, own[at])));
         }
-        if let Some((pose, own)) = input.by_pose {
+        for (pose, own) in input.by_poses {
             column.extend((0..3).map(|a| (n + 3 * pose + a, own[a])));
         }
         columns.push(column);

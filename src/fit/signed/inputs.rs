@@ -33,24 +33,25 @@ pub(super) struct SignedInputs {
 }
 
 impl Inputs for SignedInputs {
-    fn for_each(&self, each: &mut dyn FnMut(&Input)) {
+    fn for_each(&self, each: &mut dyn FnMut(&Input<'_>)) {
         let nothing = [0.0; SUPPORT];
         let refined = self.objective.sightings.refined;
         for_each_sighting(&self.objective, &self.unknowns, |support, sighting, jet| {
             let viewpoint = &self.objective.sightings.viewpoints[sighting.seen.scan];
             let sigma = viewpoint.noise.range_variance.sqrt();
             let by_pose = viewpoint.root.transpose() * jet.second.fixed_view::<3, 1>(0, 3) * sigma;
+            let pose = [(sighting.seen.scan, by_pose)];
             each(&Input {
                 first: support[0],
                 by_control_points: [jet.mixed[3].map(|v| sigma * v), nothing],
-                by_pose: refined.then_some((sighting.seen.scan, by_pose)),
+                by_poses: if refined { &pose } else { &[] },
             });
         });
         if self.weighting == Weighting::Calibrated {
             let coefficients = &self.unknowns[..self.objective.lattice.len()];
             self.objective.for_each_eikonal_score(coefficients, |support, score| {
                 let by_control_points = [score.map(|s| ALIKE * s), nothing];
-                each(&Input { first: support[0], by_control_points, by_pose: None });
+                each(&Input { first: support[0], by_control_points, by_poses: &[] });
             });
         }
     }

@@ -153,7 +153,11 @@ fn what_stands(
         return Ok(returns);
     }
     let gone = returns.iter().zip(&owners).filter(|(_, owner)| !stands[**owner]).map(|(seen, _)| seen.point);
-    evidence.forget_surfaces(job.lattice, gone, returns.iter().zip(&owners).filter(|(_, o)| stands[**o]).map(|(seen, _)| seen.point));
+    evidence.forget_surfaces(
+        job.lattice,
+        gone,
+        returns.iter().zip(&owners).filter(|(_, o)| stands[**o]).map(|(seen, _)| seen.point),
+    );
     Ok(returns.iter().zip(&owners).filter(|(_, owner)| stands[**owner]).map(|(seen, _)| *seen).collect())
 }
 

@@ -14,8 +14,8 @@ use nalgebra::Matrix3;
 use super::damping::{Damping, Law};
 use super::loss::Curvature;
 use super::objective::Objective;
-use crate::fit::system::{Factor, System};
 use crate::fit::estimate::Minimum;
+use crate::fit::system::{Factor, System};
 use crate::fit::{FitError, Observer, Progress};
 use crate::sparse::{Cholesky, SparseError, StencilMatrix};
 

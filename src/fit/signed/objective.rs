@@ -20,12 +20,12 @@ use super::chain::{InputJet, by_control_points, by_inputs};
 use super::eikonal::EikonalLoss;
 use super::loss::Curvature;
 use super::sightings::{Placed, Sighting, Sightings};
+use crate::fit::PRIOR;
 use crate::fit::collocation::{gauss, thin_plate};
 use crate::fit::gauge;
 use crate::fit::system::System;
 use crate::geometry::{Cov3, Vec2};
 use crate::sparse::{CellBlock, Pattern, Stencil, StencilMatrix, Views};
-use crate::fit::PRIOR;
 use crate::spline::{BasisRow, Jet, Lattice, Located, SUPPORT, dot, gather, third_derivatives};
 
 /// A quadrature point's basis rows and the products a Hessian is made of.
@@ -139,9 +139,8 @@ impl Objective {
         if seen.iter().all(whole) {
             return;
         }
-        let points = seen.iter().flat_map(|&(pose, first)| {
-            (0..SUPPORT).map(move |k| (pose, first + k % 4 + k / 4 * row))
-        });
+        let points =
+            seen.iter().flat_map(|&(pose, first)| (0..SUPPORT).map(move |k| (pose, first + k % 4 + k / 4 * row)));
         let views = Views::of(views.poses(), views.pairs().chain(points));
         *system = System::zeros(Pattern::new(self.stencil.clone(), 1, views), system.gauge.clone());
     }

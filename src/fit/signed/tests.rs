@@ -55,7 +55,10 @@ fn check_derivatives(weighting: Weighting) {
     let mut system = fit.objective.system(fit.unknowns.split_at(fit.objective.lattice.len()).1);
     let at = fit.unknowns.clone();
     fit.objective.assemble(&at, Curvature::EXACT, &mut system);
-    let (mut ahead, mut behind) = (fit.objective.system(fit.unknowns.split_at(fit.objective.lattice.len()).1), fit.objective.system(fit.unknowns.split_at(fit.objective.lattice.len()).1));
+    let (mut ahead, mut behind) = (
+        fit.objective.system(fit.unknowns.split_at(fit.objective.lattice.len()).1),
+        fit.objective.system(fit.unknowns.split_at(fit.objective.lattice.len()).1),
+    );
     for _ in 0..8 {
         let direction: Vec<f64> = at.iter().map(|_| rng.random_range(-1.0..1.0)).collect();
         let e = 1e-6;
@@ -88,7 +91,10 @@ fn derivatives_of_the_calibrated_objective_with_poses_agree_with_central_differe
 #[test]
 fn the_convex_stand_in_has_the_same_gradient_and_no_negative_eigenvalue_and_can_be_mixed_in() {
     let fit = fitted(Weighting::Calibrated, 5);
-    let (mut exact, mut convex) = (fit.objective.system(fit.unknowns.split_at(fit.objective.lattice.len()).1), fit.objective.system(fit.unknowns.split_at(fit.objective.lattice.len()).1));
+    let (mut exact, mut convex) = (
+        fit.objective.system(fit.unknowns.split_at(fit.objective.lattice.len()).1),
+        fit.objective.system(fit.unknowns.split_at(fit.objective.lattice.len()).1),
+    );
     let value = fit.objective.assemble(&fit.unknowns, Curvature::EXACT, &mut exact);
     assert_eq!(value, fit.objective.assemble(&fit.unknowns, Curvature::CONVEX, &mut convex));
     assert_eq!(exact.gradient, convex.gradient);
@@ -126,8 +132,7 @@ fn a_map_without_returns_is_refused() {
     let scenario = Scenario::experiment_one();
     let far = crate::geometry::Bounds { min: [100.0, 100.0], max: [102.0, 102.0] };
     let lattice = Lattice::covering(&far, 0.5, 100_000).unwrap();
-    let outcome =
-        fit_room(&scenario.scans(0), &scenario.noise, &lattice, &mut |_| ControlFlow::Continue(()));
+    let outcome = fit_room(&scenario.scans(0), &scenario.noise, &lattice, &mut |_| ControlFlow::Continue(()));
     assert!(matches!(outcome, Err(FitError::NoEvidence)));
 }
 

@@ -116,12 +116,7 @@ struct Patch {
 impl Surfels {
     /// Gathers returns, and says for each to which surfel it went. `h` is the lattice's resolution, `normals` has a unit
     /// vector for each return, away from its scanner.
-    pub fn gather(
-        returns: &[Return],
-        normals: &[Vec2],
-        viewpoints: &[Viewpoint],
-        h: f64,
-    ) -> (Self, Vec<usize>) {
+    pub fn gather(returns: &[Return], normals: &[Vec2], viewpoints: &[Viewpoint], h: f64) -> (Self, Vec<usize>) {
         let (patches, groups, owners) = patches(returns, normals, viewpoints, h);
         let places = patches.iter().enumerate().map(|(k, patch)| GeomWithData::new(patch.center.into(), k)).collect();
         let tree: RTree<GeomWithData<[f64; 2], usize>> = RTree::bulk_load(places);

@@ -57,8 +57,8 @@ fn passed(surfel: &Surfel, scan: &LaserScan, pose: &Pose, margin: f64) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use crate::fit::vector::tests::corridor;
     use super::*;
+    use crate::fit::vector::tests::corridor;
     use crate::geometry::Vec2;
 
     #[test]

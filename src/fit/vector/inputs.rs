@@ -2,8 +2,7 @@
 //!
 //! A range moves its surfel's offset along the normal. What the spline cannot follow moves the surfels of one cell that
 //! face one way, all at once, along their mean normal; its size is the model's own sigma, or what the fit missed them
-//! by beyond noise. Of the misfit, the map's share and the poses' are taken as independent: one cell's misfit is a
-//! small part of what any pose is known by.
+//! by beyond noise.
 
 use std::collections::BTreeMap;
 
@@ -62,7 +61,7 @@ impl VectorInputs {
     }
 
     /// What the spline cannot follow of the surfels of one cell that face one way.
-    fn misfit(&self, cell: &[Placed<'_>], each: &mut dyn FnMut(&Input)) {
+    fn misfit(&self, cell: &[Placed<'_>], each: &mut dyn FnMut(&Input<'_>)) {
         let facing = cell.iter().map(|own| own.surfel.normal).sum::<Vec2>();
         let Some(direction) = facing.try_normalize(1e-9) else { return };
         let sigma = 2.0 * self.model_sigma.hypot(self.missed_by(cell));
@@ -76,24 +75,24 @@ impl VectorInputs {
             }
         }
         let first = cell[0].support[0];
-        each(&Input { first, by_control_points: along(direction, &by_control_points), by_pose: None });
-        let nothing = [[0.0; SUPPORT]; 2];
-        by_poses.into_iter().for_each(|own| each(&Input { first, by_control_points: nothing, by_pose: Some(own) }));
+        let by_poses: Vec<_> = by_poses.into_iter().collect();
+        each(&Input { first, by_control_points: along(direction, &by_control_points), by_poses: &by_poses });
     }
 }
 
 impl Inputs for VectorInputs {
-    fn for_each(&self, each: &mut dyn FnMut(&Input)) {
+    fn for_each(&self, each: &mut dyn FnMut(&Input<'_>)) {
         // Surfels of one cell that face one way.
         let mut cells: BTreeMap<(usize, u8), Vec<Placed<'_>>> = BTreeMap::new();
         for own in self.placed() {
             let n = own.surfel.normal;
             for witness in self.surfels.witnesses(own.surfel) {
                 let pull = 2.0 * witness.weight * witness.range_variance.sqrt();
+                let pose = [(witness.scan, witness.by_pose * pull)];
                 each(&Input {
                     first: own.support[0],
                     by_control_points: along(n, &own.row.map(|value| pull * value)),
-                    by_pose: self.refined.then_some((witness.scan, witness.by_pose * pull)),
+                    by_poses: if self.refined { &pose } else { &[] },
                 });
             }
             let quarter = u8::from(n.x.abs() > n.y.abs()) + 2 * u8::from(n.x + n.y > 0.0);

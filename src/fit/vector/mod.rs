@@ -233,7 +233,10 @@ impl Place<'_> {
             let (objective, minimum) = self.assembled(gathered, z);
             let minimum = Minimum { iterations: steps, factorisations: usize::from(factor.is_some()), ..minimum };
             let progress = Progress { iteration: steps, max_iterations: MOST_STEPS, ..Progress::NONE };
-            observe(observer, &Progress { objective: minimum.objective, relative_gradient: minimum.relative_gradient, ..progress })?;
+            observe(
+                observer,
+                &Progress { objective: minimum.objective, relative_gradient: minimum.relative_gradient, ..progress },
+            )?;
             if minimum.relative_gradient <= 0.1 * options.tolerance || steps == MOST_STEPS || !self.refined() {
                 return Ok((objective, minimum));
             }
@@ -258,7 +261,8 @@ impl Place<'_> {
         };
         put(returns, self.scans, &self.poses(gathered_at));
         let gathered = self.gather(returns, gathered_at);
-        let mut z: Vec<f64> = end.coefficients.iter().flat_map(|own| own.iter()).map(|c| if c.is_nan() { 0.0 } else { *c }).collect();
+        let mut z: Vec<f64> =
+            end.coefficients.iter().flat_map(|own| own.iter()).map(|c| if c.is_nan() { 0.0 } else { *c }).collect();
         z.extend(e);
         Ok((gathered, z))
     }
