@@ -38,7 +38,7 @@ fn a_vector_map_answers_like_a_signed_one_and_says_more() {
     assert!((vector[0] - 1.0).abs() < 0.05 && vector[1].abs() < 0.05, "{vector:?}");
     assert!((answer["gradient"][1][0].as_f64().unwrap() - 1.0).abs() < 0.1);
     let (sigma, covariance) = (answer["sigma"][1].as_f64().unwrap(), numbers(&answer["vector_covariance"][1]));
-    assert!(sigma > 0.001 && sigma < 0.05 && (covariance[0].sqrt() - sigma).abs() < 0.1 * sigma);
+    assert!(sigma > 0.001 && sigma < 0.05 && sigma >= covariance[0].sqrt() && sigma < covariance[0].sqrt() + 0.01);
     assert_eq!(
         (&answer["observed"][1], &answer["observed"][3], &answer["observed"][4]),
         (&json!(true), &json!(null), &json!(false))
@@ -103,7 +103,11 @@ fn odd_vector_jobs_end_well() {
     fixed["fit"] = json!({"poses": "fixed", "max_iterations": 1});
     let mut flat = small(1);
     flat["scans"][1]["ranges"] = json!(vec![0.5; flat["scans"][1]["ranges"].as_array().unwrap().len()]);
-    for mut job in [lone, single_beam, known, exact, vague, fixed, flat] {
+    // Ranges known to a micrometre on a lattice of half a metre: no f64 holds both, and the job says so.
+    exact["map"]["distance"] = json!("vdf");
+    let refused = server.wait(&server.submit(&exact));
+    assert_eq!((&refused["status"], &refused["problem"]["type"]), (&json!("failed"), &json!("/problems/ill-determined")));
+    for mut job in [lone, single_beam, known, vague, fixed, flat] {
         job["map"]["distance"] = json!("vdf");
         let own = format!("/v1/maps/{}", server.map_of(&job));
         let pose = &job["scans"][0]["pose"];
@@ -139,13 +143,12 @@ fn the_published_vector_objective_is_answered_honestly() {
     let answer = server.post(&format!("{own}/query"), &points).json();
     assert!(answer["distance"][0].as_f64().unwrap() < 0.1, "{answer}");
     assert!((answer["distance"][1].as_f64().unwrap() - 1.0).abs() < 0.3, "{answer}");
-    assert_eq!(numbers(&answer["vector_covariance"][0])[1], 0.0, "the components are taken apart");
 
     let diagonal = server.get(&format!("{own}/covariance")).json();
     let block = server.get(&format!("{own}/covariance?form=block&i0=3&j0=15&ni=4&nj=2")).json();
     let matrix: Vec<Vec<f64>> = block["matrix"].as_array().unwrap().iter().map(numbers).collect();
     let exact = diagonal["vdf_y"][4 + 16 * 49].as_f64().unwrap();
-    assert!((matrix[13][13] - exact).abs() < 1e-8 * exact && matrix[0][8] == 0.0);
+    assert!((matrix[13][13] - exact).abs() < 1e-8 * exact);
     for form in ["sparse", "factors"] {
         assert_eq!(server.get(&format!("{own}/covariance?form={form}")).status, 200);
     }

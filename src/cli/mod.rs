@@ -55,8 +55,6 @@ pub enum CliError {
     #[error(transparent)]
     Survey(#[from] crate::map::SurveyError),
     #[error(transparent)]
-    Fit(#[from] crate::fit::FitError),
-    #[error(transparent)]
     Archive(#[from] crate::map::ArchiveError),
     #[error(transparent)]
     Render(#[from] crate::render::RenderError),

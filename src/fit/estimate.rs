@@ -4,6 +4,8 @@
 //! points. A pose that is not refined is in it, too, held by a prior so stiff that it does not move: what its error
 //! does to the map is then the same algebra.
 
+use std::sync::Arc;
+
 use nalgebra::Vector3;
 
 use super::options::{Poses, Weighting, Weights};
@@ -12,7 +14,7 @@ use super::system::System;
 use super::viewpoint::Viewpoint;
 use crate::geometry::{Pose, Vec2};
 use crate::scan::Evidence;
-use crate::sparse::Cholesky;
+use crate::sparse::{Cholesky, SparseError};
 use crate::spline::{Lattice, SUPPORT, Surface};
 
 /// The prior's curvature of a refined pose's unknowns, `|e|^2` differentiated twice, and what stands for a known one.
@@ -114,6 +116,15 @@ pub struct Estimate {
 }
 
 impl Estimate {
+    /// Sets the factorisation up for the system's pattern, which a fit may have left behind.
+    pub(crate) fn match_pattern(&mut self) -> Result<(), SparseError> {
+        let pattern = self.system.hessian.pattern();
+        if !Arc::ptr_eq(self.cholesky.pattern(), pattern) {
+            self.cholesky = Cholesky::analyse(pattern)?;
+        }
+        Ok(())
+    }
+
     /// The curvature of the poses' prior.
     pub fn prior(&self) -> f64 {
         match self.weights.poses {

@@ -10,9 +10,9 @@ use thiserror::Error;
 
 use super::document::{DocumentError, Node};
 use super::reader::{FARTHEST, LONGEST_TEXT, Reader};
-use crate::fit::{self, Distance, End, FitError, FitOptions, Poses, Weighting, pose_unknowns};
+use crate::fit::{self, Distance, End, FitOptions, Poses, Weighting, pose_unknowns};
 use crate::geometry::{Bounds, Cov3, Pose, Vec2, psd_square_root};
-use crate::map::{FittedMap, Survey};
+use crate::map::{FittedMap, MapError, Survey, SurveyError};
 use crate::scan::{LaserScan, Noise, returns_of};
 use crate::spline::{Lattice, LatticeError};
 use crate::uncertainty::Factors;
@@ -70,7 +70,7 @@ const MOST_LABELS: usize = 64;
 
 impl JobRequest {
     /// What any entry of a map's covariance can be formed from; `map` is this request's.
-    pub fn factors(&self, map: &FittedMap) -> Result<Factors, FitError> {
+    pub fn factors(&self, map: &FittedMap) -> Result<Factors, SurveyError> {
         let (coefficients, poses) = map.resume_from();
         let reported: Vec<f64>;
         let poses = match (poses, map.report.weights.poses) {
@@ -82,8 +82,8 @@ impl JobRequest {
             (poses, _) => poses,
         };
         let end = End { coefficients: &coefficients, poses };
-        let estimate = fit::resume(&self.scans, &self.noise, self.distance, &self.lattice, &self.options, end)?;
-        Ok(Factors::of(&estimate))
+        let mut estimate = fit::resume(&self.scans, &self.noise, self.distance, &self.lattice, &self.options, end)?;
+        Ok(Factors::of(&mut estimate).map_err(MapError::from)?)
     }
 
     /// The fit that is asked for.

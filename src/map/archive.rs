@@ -4,7 +4,7 @@
 //! in use), `origin`, `resolution`, both covariances' entries on the stencil (`propagated`, `posterior`: the lower
 //! triangle, column by column; of a vector field with `_xx`, `_xy`, `_yx`, `_yy`), the evidence (`evidence`, 4 x 4
 //! marks a cell), the surfaces (`facets`: the two ends of each, `facet_sigma`: propagated and posterior,
-//! `facet_open`), the poses and the returns. Covariances and sigmas are f32: a millionth of a sigma is enough. What any other
+//! `facet_open`), the poses and the returns. Covariances off the diagonal are f32: a millionth of a sigma is enough. What any other
 //! entry can be formed from is found again from the job's request and `resume` ([`crate::fit::resume`]). The fit's
 //! report is JSON inside `map.npz`, as bytes.
 
@@ -165,7 +165,10 @@ fn write_covariances(npz: &mut NpzWriter, field: &Field) -> Result<(), NpzError>
         for (name, part) in part_names(kind, own.len()).iter().zip(own) {
             let stencil = part.stencil();
             let stored: Vec<f32> = in_use(stencil).map(|at| part.values[at] as f32).collect();
+            let diagonal = part.diagonal();
+            let diagonal: Vec<f64> = (0..diagonal.len()).filter(|k| stencil.is_active(*k)).map(|k| diagonal[k]).collect();
             npz.array(name, &[stored.len()], &stored)?;
+            npz.array(&format!("{name}_diagonal"), &[diagonal.len()], &diagonal)?;
         }
     }
     Ok(())
@@ -199,6 +202,13 @@ fn read_field(npz: &mut NpzReader<'_>, lattice: &Lattice, format: i64) -> Result
         }
         let mut matrix = StencilMatrix::zeros(stencil.clone());
         places.iter().zip(values).for_each(|(&at, value)| matrix.values[at] = value);
+        if format > 1 {
+            let exact: Vec<f64> = npz.array(&format!("{name}_diagonal"))?;
+            let mut diagonal = matrix.diagonal();
+            let places = (0..diagonal.len()).filter(|k| stencil.is_active(*k)).collect::<Vec<_>>();
+            places.iter().zip(exact).for_each(|(&k, value)| diagonal[k] = value);
+            matrix.set_diagonal(&diagonal);
+        }
         Ok(matrix)
     };
     let parts = surfaces.len() * surfaces.len();

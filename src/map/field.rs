@@ -71,8 +71,7 @@ impl CellCovariance {
         let own = marginals.of(kind);
         let k = own.pattern().components();
         let mut parts: Vec<StencilMatrix> = (0..k * k).map(|part| own.stencil_block(part / k, part % k)).collect();
-        // As a file keeps them, so that a map is the same before it is stored and after.
-        parts.iter_mut().flat_map(|part| &mut part.values).for_each(|value| *value = f64::from(*value as f32));
+        parts.iter_mut().for_each(round_as_stored);
         Self { parts }
     }
 
@@ -215,6 +214,13 @@ fn direction(vector: Vec2, jacobian: Cov2, short: f64) -> Vec2 {
 fn fastest_growth(jacobian: Cov2) -> Vec2 {
     let eigen = SymmetricEigen::new(0.5 * (jacobian + jacobian.transpose()));
     eigen.eigenvectors.column(eigen.eigenvalues.imax()).into()
+}
+
+/// A map is the same before it is stored and after: what lies off the diagonal is kept as f32.
+fn round_as_stored(part: &mut StencilMatrix) {
+    let diagonal = part.diagonal();
+    part.values.iter_mut().for_each(|value| *value = f64::from(*value as f32));
+    part.set_diagonal(&diagonal);
 }
 
 fn masked_diagonal(matrix: &StencilMatrix) -> Vec<f64> {

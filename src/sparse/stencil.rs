@@ -252,6 +252,10 @@ impl StencilMatrix {
         (0..self.stencil.dimension()).map(|k| self.values[self.stencil.column_starts[k]]).collect()
     }
 
+    pub fn set_diagonal(&mut self, diagonal: &[f64]) {
+        diagonal.iter().enumerate().for_each(|(k, value)| self.values[self.stencil.column_starts[k]] = *value);
+    }
+
     /// Adds `shift[k]` to diagonal entry `k`.
     pub fn shift_diagonal(&mut self, shift: impl Fn(usize) -> f64) {
         for k in 0..self.stencil.dimension() {

@@ -43,7 +43,8 @@ const LARGEST_PANEL: usize = 4_000_000;
 
 impl Factors {
     /// The factors of an estimate.
-    pub fn of(estimate: &Estimate) -> Self {
+    pub fn of(estimate: &mut Estimate) -> Result<Self, UncertaintyError> {
+        estimate.match_pattern()?;
         let pattern = estimate.system.hessian.pattern();
         let (n, first_pose) = (pattern.stencil().dimension(), pattern.coefficients());
         let row = pattern.stencil().size()[0];
@@ -56,7 +57,7 @@ impl Factors {
             let on_poses = poses.flat_map(|(pose, own)| (0..3).map(move |a| (first_pose + 3 * pose + a, own[a])));
             inputs.push(on_map.chain(on_poses).filter(|(_, value)| *value != 0.0));
         });
-        Self { system: estimate.system.clone(), poses: estimate.weights.poses, prior: estimate.prior(), inputs }
+        Ok(Self { system: estimate.system.clone(), poses: estimate.weights.poses, prior: estimate.prior(), inputs })
     }
 
     /// The number of coefficients: control points x components.

@@ -43,8 +43,8 @@ pub enum UncertaintyError {
     #[error("the Hessian at the end of the fit is not positive definite; the fit did not reach a minimum")]
     NoMinimum,
     #[error(
-        "the scans determine the map too loosely for its covariance to be computed: {detail}. More scans or beams, \
-         smaller noise, a coarser resolution or a smaller area would help"
+        "the scans do not determine the map, or not to f64's precision: {detail}. More scans or beams, a coarser \
+         resolution, or noise in proportion to it would help"
     )]
     IllConditioned { detail: String },
     #[error("the stored factors do not fit together: {0}")]

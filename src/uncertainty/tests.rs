@@ -89,7 +89,7 @@ fn check_against_dense(distance: Distance, options: &FitOptions) {
     assert!(estimate.converged || options.weighting == Weighting::Paper);
     let exact = exact_covariances(&estimate);
     let (marginals, poses) = marginals(&mut estimate, &|_| true).unwrap();
-    let factors = Factors::of(&estimate);
+    let factors = Factors::of(&mut estimate).unwrap();
     let pattern = marginals.propagated.pattern().clone();
     let n = pattern.coefficients();
     for (kind, exact) in Kind::ALL.into_iter().zip(&exact) {
@@ -221,5 +221,25 @@ fn a_changed_input_moves_the_minimum_as_predicted() {
             norm += predicted * predicted;
         }
         assert!(error.sqrt() < 0.05 * norm.sqrt(), "{poses:?}: off by {} of the change", (error / norm).sqrt());
+    }
+}
+
+/// One beam, three, and many in one direction: what is given is right, however little was seen.
+#[test]
+fn little_evidence_agrees_with_a_dense_reference() {
+    let mut scans = Scenario::experiment_one().scans(1);
+    scans.truncate(1);
+    for beams in [vec![1.0], vec![1.0, f64::NAN, 1.2], vec![0.7; 40]] {
+        scans[0].ranges = beams;
+        for poses in [Poses::Fixed, Poses::Refined] {
+            let mut estimate = fitted(&scans, Distance::Vector, &options(poses));
+            let exact = exact_covariances(&estimate);
+            let (marginals, _) = marginals(&mut estimate, &|_| true).unwrap();
+            for (kind, exact) in Kind::ALL.into_iter().zip(&exact) {
+                let own = marginals.of(kind).diagonal();
+                let n = estimate.system.hessian.pattern().coefficients();
+                assert!((0..n).all(|k| (own[k] / exact[(k, k)] - 1.0).abs() < 1e-6), "{poses:?} {kind:?}");
+            }
+        }
     }
 }

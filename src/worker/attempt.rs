@@ -60,7 +60,7 @@ impl AttemptError {
             }
             Self::Survey(SurveyError::Fit(FitError::Undetermined))
             | Self::Survey(SurveyError::Map(MapError::Uncertainty(UncertaintyError::IllConditioned { .. }))) => {
-                ("too-little-evidence", "The scans do not determine the map")
+                ("ill-determined", "The scans do not determine the map")
             }
             Self::Survey(_) => ("fit-failed", "The map could not be fitted"),
             Self::Panic(_) => ("solver-panicked", "The solver failed in a way it should not"),
