@@ -1,6 +1,6 @@
 //! Experiment 2: the Willow Garage corridor as a vector distance map, h = 0.25 m, against its exact walls.
 
-use std::path::PathBuf;
+mod support;
 
 use mapfit::fit::Distance;
 use mapfit::geometry::{Vec2, distance_to_segment};
@@ -11,17 +11,13 @@ use mapfit::reproduce::{DistanceJudgement, Judgement, Truth};
 use mapfit::scan::{LaserScan, Noise};
 use mapfit::sim::{self, misplaced};
 use mapfit::uncertainty::Kind;
+use support::{log_text, shared_data};
 
 const RESOLUTION: f64 = 0.25;
 
 fn corridor() -> Option<sim::Survey> {
-    let Some(data) = std::env::var_os("MAPFIT_RECORDINGS") else {
-        println!("skipped: MAPFIT_RECORDINGS is not set");
-        return None;
-    };
-    let folder = PathBuf::from(data).join("willow-corridor");
-    let packed = std::fs::File::open(folder.join("scans.json.gz")).unwrap();
-    let scans = std::io::read_to_string(flate2::read::GzDecoder::new(packed)).unwrap();
+    let folder = shared_data("the corridor")?.join("willow-corridor");
+    let scans = log_text(&folder.join("scans.json.gz"));
     Some(parse_corridor(&std::fs::read_to_string(folder.join("walls.csv")).unwrap(), &scans).unwrap())
 }
 

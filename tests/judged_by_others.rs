@@ -67,3 +67,36 @@ fn map_server_reads_the_grid() {
         judge("nav2.py", &[files.path().to_str().unwrap()]);
     }
 }
+
+/// Rasters as arrays and as GeoTIFF, and a query by arrays, of either distance.
+#[test]
+fn rasterio_reads_the_rasters_and_a_query_says_the_same() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 1);
+    for distance in ["sdf", "vdf"] {
+        let files = tempfile::tempdir().unwrap();
+        let mut request = experiment_one(3);
+        request["map"]["distance"] = json!(distance);
+        let own = format!("/v1/maps/{}", server.map_of(&request));
+        let save = |name: &str, answer: support::Answer| {
+            assert_eq!(answer.status, 200, "{}", String::from_utf8_lossy(&answer.body));
+            std::fs::write(files.path().join(name), answer.body).unwrap();
+        };
+        save("grid.npz", server.get(&format!("{own}/grid?resolution=0.13")));
+        save("grid.tif", server.send("GET", &format!("{own}/grid?resolution=0.13"), &[("accept", "image/tiff")], None));
+        let folder = files.path().to_str().unwrap();
+        judge("grids.py", &[folder]);
+        let Ok(centres) = std::fs::read(files.path().join("centres.npy")) else { return };
+        let headers = [("content-type", "application/x-npy"), ("accept", "application/x-npz")];
+        save("answer.npz", server.send("POST", &format!("{own}/query"), &headers, Some(&centres)));
+        let [x, y] = [0, 1].map(|axis: usize| server.get(&own).json()["lattice"]["origin"][axis].as_f64().unwrap());
+        let points: Vec<[f64; 2]> = (0..50).map(|k| [x + (f64::from(k) + 0.5) * 0.13, y + 0.5 * 0.13]).collect();
+        save("answer.json", server.post(&format!("{own}/query"), &json!({"points": points})));
+        judge("grids.py", &[folder]);
+        server.get(&format!("{own}/grid?layers=distance,depth")).problem(422);
+        server.get(&format!("{own}/grid?resolution=0.001")).problem(422);
+        server.post(&format!("{own}/query"), &json!({"points": [[0, 0]], "fields": ["depth"]})).problem(422);
+        let few = server.post(&format!("{own}/query"), &json!({"points": [[1, 1]], "fields": ["distance"]})).json();
+        assert!(few["sigma"].is_null() && few["distance"][0].is_number());
+    }
+}

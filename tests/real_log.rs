@@ -9,7 +9,7 @@ use mapfit::map::Survey;
 use mapfit::render::{OccupancyGrid, Trinary};
 use mapfit::scan::{Noise, returns_of};
 use mapfit::uncertainty::Kind;
-use support::{Server, shared_data};
+use support::{Server, log_text, shared_data};
 
 #[test]
 fn the_seattle_corridor_becomes_a_map_that_follows_its_walls() {
@@ -36,7 +36,7 @@ fn the_seattle_corridor_becomes_a_map_that_follows_its_walls() {
         .collect();
     let walls = rstar::RTree::bulk_load(vertices);
     // Walls are what many returns met: of all returns, most lie on the contour to within a wall's thickness.
-    let log = support_log(&folder.join("seattle.flaser.log.gz"));
+    let log = log_text(&folder.join("seattle.flaser.log.gz"));
     let returns = mapfit::scan::returns_of(&mapfit::import::parse_carmen(&log).unwrap());
     let mut off: Vec<f64> = returns
         .iter()
@@ -57,7 +57,7 @@ fn the_seattle_corridor_becomes_a_map_that_follows_its_walls() {
 #[test]
 fn the_seattle_corridor_as_a_vector_map_fits_the_scans_left_out() {
     let Some(folder) = shared_data("the_seattle_corridor_as_a_vector_map") else { return };
-    let scans = mapfit::import::parse_carmen(&support_log(&folder.join("seattle.flaser.log.gz"))).unwrap();
+    let scans = mapfit::import::parse_carmen(&log_text(&folder.join("seattle.flaser.log.gz"))).unwrap();
     let (held, taken): (Vec<_>, Vec<_>) = scans.into_iter().enumerate().partition(|(k, _)| k % 5 == 4);
     let [held, taken] = [held, taken].map(|part| part.into_iter().map(|(_, scan)| scan).collect::<Vec<_>>());
     let noise = Noise { sigma_x: 0.02, sigma_y: 0.02, sigma_theta: 0.005, sigma_range: 0.02 };
@@ -78,11 +78,4 @@ fn the_seattle_corridor_as_a_vector_map_fits_the_scans_left_out() {
     println!("held out: median {median:.4} m, 90 % within {most:.4} m; {occupied:.4} of the half-way points occupied");
     println!("{:?}", map.report);
     assert!(median <= 0.05 && most <= 0.1 && occupied <= 0.02);
-}
-
-fn support_log(file: &std::path::Path) -> String {
-    let mut log = String::new();
-    let mut reader = flate2::read::MultiGzDecoder::new(std::fs::File::open(file).unwrap());
-    std::io::Read::read_to_string(&mut reader, &mut log).unwrap();
-    log
 }

@@ -106,7 +106,10 @@ fn odd_vector_jobs_end_well() {
     // Ranges known to a micrometre on a lattice of half a metre: no f64 holds both, and the job says so.
     exact["map"]["distance"] = json!("vdf");
     let refused = server.wait(&server.submit(&exact));
-    assert_eq!((&refused["status"], &refused["problem"]["type"]), (&json!("failed"), &json!("/problems/ill-determined")));
+    assert_eq!(
+        (&refused["status"], &refused["problem"]["type"]),
+        (&json!("failed"), &json!("/problems/ill-determined"))
+    );
     for mut job in [lone, single_beam, known, vague, fixed, flat] {
         job["map"]["distance"] = json!("vdf");
         let own = format!("/v1/maps/{}", server.map_of(&job));

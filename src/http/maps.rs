@@ -56,7 +56,7 @@ impl From<MapRecord> for MapBody {
     fn from(map: MapRecord) -> Self {
         let own = format!("/v1/maps/{}", map.id);
         let mut links: BTreeMap<&'static str, String> =
-            ["coefficients", "covariance", "contours", "image", "ogm", "poses", "query"]
+            ["coefficients", "covariance", "contours", "grid", "image", "ogm", "poses", "query"]
                 .map(|part| (part, format!("{own}/{part}")))
                 .into();
         links.insert("self", own);

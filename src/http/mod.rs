@@ -69,6 +69,7 @@ pub fn router(workshop: Arc<Workshop>) -> Router {
         .route("/v1/maps/{id}/query", post(query::query))
         .route("/v1/maps/{id}/contours", get(pictures::contours))
         .route("/v1/maps/{id}/ogm", get(pictures::ogm))
+        .route("/v1/maps/{id}/grid", get(pictures::grid))
         .route("/v1/maps/{id}/image", get(pictures::image))
         .route("/openapi.json", get(service::openapi))
         .route("/livez", get(service::livez))

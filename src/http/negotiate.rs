@@ -19,6 +19,7 @@ pub const NPZ: Format = Format { name: "npz", media: "application/x-npz" };
 pub const NPY: &str = "application/x-npy";
 pub const PNG: Format = Format { name: "png", media: "image/png" };
 pub const SVG: Format = Format { name: "svg", media: "image/svg+xml" };
+pub const TIFF: Format = Format { name: "tiff", media: "image/tiff" };
 pub const ZIP: Format = Format { name: "zip", media: "application/zip" };
 
 /// The format to answer in, of those on offer, the default first.

@@ -236,7 +236,7 @@ pub struct FaultBody {
     paths(
         jobs::submit, jobs::list, jobs::get, jobs::request, jobs::cancel, events::events,
         maps::list, maps::get, maps::delete, maps::coefficients, maps::poses,
-        covariance::covariance, query::query, pictures::contours, pictures::ogm, pictures::image,
+        covariance::covariance, query::query, pictures::contours, pictures::ogm, pictures::grid, pictures::image,
         service::openapi, service::livez, service::readyz,
     ),
     tags(

@@ -5,15 +5,15 @@ use serde_json::{Value, json};
 
 use super::covariance::KINDS;
 use super::maps::{FRAME, timestamp_of, to_json};
-use super::negotiate::{GEOJSON, JSON, PNG, SVG, ZIP};
+use super::negotiate::{GEOJSON, JSON, NPZ, PNG, SVG, TIFF, ZIP};
 use super::params::Params;
 use super::problem::Problem;
 use super::representation::MapRequest;
 use crate::jobs::MapRecord;
 use crate::map::FittedMap;
 use crate::render::{
-    Layer, OccupancyGrid, Overlay, Picture, contour_picture, contours as trace, grayscale_png, map_picture, svg_to_png,
-    to_geojson, to_nav2_zip,
+    Layer, OccupancyGrid, Overlay, Picture, RasterLayer, Rasters, contour_picture, contours as trace, grayscale_png,
+    map_picture, svg_to_png, to_geojson, to_nav2_zip,
 };
 
 /// Cells of an occupancy grid at most.
@@ -81,6 +81,47 @@ pub async fn ogm(mut request: MapRequest) -> Result<Response, Problem> {
         }
     };
     request.answer(&[JSON, PNG, ZIP], make).await
+}
+
+/// Rasters for planners: distance, sigma and clearance at cell centres, NaN where nothing was observed.
+#[utoipa::path(get, path = "/v1/maps/{id}/grid", tag = "maps",
+    params(("id" = String, Path),
+        ("layers" = Option<String>, Query, description = "distance, sigma, clearance; comma-separated, all by default"),
+        ("resolution" = Option<f64>, Query, description = "metres a cell; the lattice's by default"),
+        ("kind" = Option<String>, Query, description = "propagated (default) or posterior"),
+        ("format" = Option<String>, Query, description = "npz or tiff")),
+    responses((status = 200, description = "float32 arrays by the layers' names, lowest y first, with `origin` (the lower left corner) \
+            and `resolution`; or a GeoTIFF with a band a layer and the same corner",
+            content((Vec<u8> = "application/x-npz"), (Vec<u8> = "image/tiff"))),
+        (status = 304, description = "unchanged"),
+        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+pub async fn grid(mut request: MapRequest) -> Result<Response, Problem> {
+    let (lattice, params) = (&request.record.lattice, &mut request.params);
+    let resolution = params.number("resolution", 1e-4, 1e4).unwrap_or(lattice.resolution);
+    let kind = params.choice("kind", &KINDS);
+    let layers = raster_layers(params);
+    let [width, height] = OccupancyGrid::size(lattice, resolution);
+    if width * height > LARGEST_GRID {
+        params.fault("resolution", format!("gives {:.0} cells; the limit is {LARGEST_GRID:.0}", width * height));
+    }
+    let make = move |map: &FittedMap, _: &MapRecord, format| {
+        let rasters = Rasters::of(map, &layers, resolution, kind);
+        if format == TIFF { Ok(rasters.to_geotiff()?) } else { Ok(rasters.to_npz()?) }
+    };
+    request.answer(&[NPZ, TIFF], make).await
+}
+
+fn raster_layers(params: &mut Params) -> Vec<RasterLayer> {
+    let Some(text) = params.text("layers").map(str::to_owned) else { return RasterLayer::ALL.into() };
+    let mut layers = Vec::new();
+    for name in text.split(',').map(str::trim) {
+        match RasterLayer::ALL.into_iter().find(|layer| layer.name() == name) {
+            Some(layer) if !layers.contains(&layer) => layers.push(layer),
+            Some(_) => {}
+            None => params.fault("layers", "must be distance, sigma or clearance, comma-separated"),
+        }
+    }
+    layers
 }
 
 /// The field names of `nav_msgs/OccupancyGrid`.

@@ -166,7 +166,8 @@ fn write_covariances(npz: &mut NpzWriter, field: &Field) -> Result<(), NpzError>
             let stencil = part.stencil();
             let stored: Vec<f32> = in_use(stencil).map(|at| part.values[at] as f32).collect();
             let diagonal = part.diagonal();
-            let diagonal: Vec<f64> = (0..diagonal.len()).filter(|k| stencil.is_active(*k)).map(|k| diagonal[k]).collect();
+            let diagonal: Vec<f64> =
+                (0..diagonal.len()).filter(|k| stencil.is_active(*k)).map(|k| diagonal[k]).collect();
             npz.array(name, &[stored.len()], &stored)?;
             npz.array(&format!("{name}_diagonal"), &[diagonal.len()], &diagonal)?;
         }

@@ -11,6 +11,7 @@ mod nav2;
 mod occupancy;
 mod picture;
 mod raster;
+mod rasters;
 mod sheet;
 
 use thiserror::Error;
@@ -23,6 +24,7 @@ pub use occupancy::{OccupancyGrid, Trinary};
 pub(crate) use picture::shade;
 pub use picture::{Layer, Overlay, Picture, contour_picture, draw_contours, draw_poses, map_figure, map_picture};
 pub use raster::{grayscale_png, rgba_png, svg_to_png};
+pub use rasters::{RasterLayer, Rasters};
 pub use sheet::Sheet;
 
 #[derive(Debug, Error)]
@@ -35,6 +37,8 @@ pub enum RenderError {
     Svg(String),
     #[error("an archive could not be written: {0}")]
     Zip(#[from] zip::result::ZipError),
+    #[error("a GeoTIFF could not be written: {0}")]
+    GeoTiff(#[from] geotiff_writer::Error),
     #[error("an archive could not be written: {0}")]
     Io(#[from] std::io::Error),
 }

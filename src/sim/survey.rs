@@ -42,6 +42,59 @@ impl Survey {
     }
 }
 
+impl Survey {
+    /// A building of `side` x `side` rooms of 4 m, doors of 1 m between all neighbours, two scans of 271 beams a room:
+    /// for measuring how cost grows, and whether uncertainty stays true where little is shared.
+    pub fn halls(side: usize, sigma_range: f64, seed: u64) -> Self {
+        let plan = halls(side);
+        let lidar = Lidar { range_max: 12.0, ..Lidar::of_degrees(271, 270.0) };
+        let poses: Vec<Pose> = (0..side * side)
+            .flat_map(|room| {
+                let corner = [ROOM[0] * (room % side) as f64, ROOM[1] * (room / side) as f64];
+                let turn = 0.37 * room as f64;
+                [(1.3, 1.1, turn), (2.7, 2.8, turn + 2.6)].map(|(x, y, theta)| {
+                    Pose::new(corner[0] + x, corner[1] + y, theta.rem_euclid(std::f64::consts::TAU))
+                })
+            })
+            .collect();
+        let noise = Noise { sigma_x: 0.0, sigma_y: 0.0, sigma_theta: 0.0, sigma_range };
+        // Every scan meets the walls near it alone, so that a large building is simulated in time.
+        let reach = Vec2::from_element(lidar.range_max);
+        let scans = poses
+            .iter()
+            .enumerate()
+            .flat_map(|(k, pose)| {
+                let (low, high) = (pose.position() - reach, pose.position() + reach);
+                let near =
+                    |(a, b): &&(Vec2, Vec2)| (0..2).all(|k| a[k].max(b[k]) >= low[k] && a[k].min(b[k]) <= high[k]);
+                let around = Plan { walls: plan.walls.iter().filter(near).copied().collect() };
+                simulate(&around, &lidar, &[*pose], &noise, seed.wrapping_mul(1_000_003).wrapping_add(k as u64))
+            })
+            .collect();
+        Self { plan, lidar, poses, scans }
+    }
+}
+
+fn halls(side: usize) -> Plan {
+    let mut walls = Vec::new();
+    let middle = 0.5 * (ROOM[0] - DOOR);
+    for (line, room) in (0..=side).flat_map(|line| (0..side).map(move |room| (line, room))) {
+        let (across, along) = (ROOM[0] * line as f64, ROOM[0] * room as f64);
+        let pieces = match line > 0 && line < side {
+            true => vec![[along, along + middle], [along + middle + DOOR, along + ROOM[0]]],
+            false => vec![[along, along + ROOM[0]]],
+        };
+        for [from, to] in pieces {
+            walls.extend(rectangle([across - 0.5 * HALL_WALL, from], [across + 0.5 * HALL_WALL, to]));
+            walls.extend(rectangle([from, across - 0.5 * HALL_WALL], [to, across + 0.5 * HALL_WALL]));
+        }
+    }
+    Plan { walls }
+}
+
+/// The halls' walls are thicker than a cell of 0.2 m, so that either face has cells of its own.
+const HALL_WALL: f64 = 0.4;
+
 fn office() -> Plan {
     let (width, depth) = (ROOM[0] * ROOMS as f64, 2.0 * ROOM[1] + CORRIDOR);
     let mut walls = rectangle([0.0, 0.0], [width, depth]);

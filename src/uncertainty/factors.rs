@@ -7,11 +7,13 @@
 //! H' = H - K P^-1 K^T,   B' = B_c - K P^-1 B_e
 //! ```
 //!
+//! with the common motion's share of the posterior put in, so that `2 H'^-1` is that, too;
+//!
 //! else they are three unknowns each behind the coefficients; known poses are columns of `B`.
 
 use std::collections::BTreeMap;
 
-use faer::linalg::solvers::Solve;
+use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 
 use super::marginals::{ROUNDING, for_each_carried};
@@ -185,6 +187,30 @@ impl Factors {
         }
     }
 
+    /// The share `R R^T` of the posterior that is the common motion's, as a change of the eliminated Hessian, so that its
+    /// inverse holds it, too (Woodbury): `(H'^-1 + R R^T / 2)^-1 = H' - H' R T R^T H'`, `T = (2 I + R^T H' R)^-1`. `H' R`
+    /// lives on what poses see.
+    fn common_motion(&self, columns: &[BTreeMap<usize, f64>], seen: &[usize]) -> Option<CommonMotion> {
+        let mut cholesky = Cholesky::analyse(self.system.hessian.pattern()).ok()?;
+        let factor = Factor::factorise(&self.system, &mut cholesky).ok()?;
+        let answer = factor.answer_to_common_motion()?;
+        let modes = answer.ncols();
+        let answer: Vec<Vec<f64>> =
+            (0..modes).map(|mode| (0..columns.len()).map(|row| answer[(row, mode)]).collect()).collect();
+        let bent = Mat::from_fn(seen.len(), modes, |a, mode| {
+            columns[seen[a]].range(..columns.len()).map(|(row, value)| value * answer[mode][*row]).sum::<f64>()
+        });
+        let inner = Mat::from_fn(modes, modes, |a, b| {
+            let overlap: f64 = seen.iter().enumerate().map(|(k, &row)| answer[a][row] * bent[(k, b)]).sum();
+            overlap + if a == b { 2.0 } else { 0.0 }
+        });
+        let share = if modes > 0 { inner.partial_piv_lu().inverse() } else { Mat::zeros(0, 0) };
+        let pull = &bent * share;
+        let lost = &pull * bent.transpose();
+        let lost = Mat::from_fn(seen.len(), seen.len(), |a, b| 0.5 * (lost[(a, b)] + lost[(b, a)]));
+        Some(CommonMotion { answer, pull, lost })
+    }
+
     /// With the poses eliminated, or `None` where that would take more than `limit` entries. Whatever any scan saw is
     /// coupled then: the gauge ties all poses together.
     fn eliminated(&self, limit: usize) -> Option<ExportedFactors> {
@@ -213,14 +239,18 @@ impl Factors {
         // P^-1 K^T: the elimination of both, Hessian and inputs.
         let image = block.llt(Side::Lower).ok()?.solve(coupling.transpose());
         let lost = &coupling * &image;
-        for (b, &column) in seen.iter().enumerate() {
-            for (a, &row) in seen.iter().enumerate() {
-                // Symmetric to the last bit, whichever way the products were summed.
-                *columns[column].entry(row).or_default() -= 0.5 * (lost[(a, b)] + lost[(b, a)]);
-            }
+        // Symmetric to the last bit, whichever way the products were summed.
+        let lost = Mat::from_fn(seen.len(), seen.len(), |a, b| 0.5 * (lost[(a, b)] + lost[(b, a)]));
+        for ((b, &column), (a, &row)) in pairs(&seen) {
+            *columns[column].entry(row).or_default() -= lost[(a, b)];
+        }
+        let common = self.common_motion(&columns[..n], &seen)?;
+        for ((b, &column), (a, &row)) in pairs(&seen) {
+            *columns[column].entry(row).or_default() -= common.lost[(a, b)];
         }
         let within = |column: BTreeMap<usize, f64>| column.into_iter().filter(|(row, _)| *row < n).collect();
         let mut inputs = CompressedColumns::new(n);
+        let mut taken: Vec<(usize, f64)> = Vec::new();
         let mut push = |own: &mut dyn Iterator<Item = (usize, f64)>| {
             let mut reduced = BTreeMap::<usize, f64>::new();
             for (row, value) in own {
@@ -233,6 +263,12 @@ impl Factors {
                     }
                 }
             }
+            for (mode, answer) in common.answer.iter().enumerate() {
+                let along: f64 = reduced.iter().map(|(row, value)| answer[*row] * value).sum();
+                let pulls = seen.iter().enumerate().map(|(a, &row)| (row, common.pull[(a, mode)]));
+                taken.extend(pulls.map(|(row, pull)| (row, pull * along)));
+            }
+            taken.drain(..).for_each(|(row, value)| *reduced.entry(row).or_default() -= value);
             inputs.push(reduced);
         };
         (0..self.inputs.columns()).for_each(|k| push(&mut self.inputs.column(k)));
@@ -240,6 +276,20 @@ impl Factors {
         (0..unknowns).for_each(|b| push(&mut (0..unknowns).map(|a| (n + a, reports[(a, b)]))));
         Some(ExportedFactors { hessian: CompressedColumns::of(n, columns.into_iter().map(within)), inputs })
     }
+}
+
+/// See [`Factors::common_motion`].
+struct CommonMotion {
+    /// `R` on the coefficients, mode by mode.
+    answer: Vec<Vec<f64>>,
+    /// `H' R T` on what poses see, and `H' R T R^T H'`.
+    pull: Mat<f64>,
+    lost: Mat<f64>,
+}
+
+/// All pairs, column by column.
+fn pairs(seen: &[usize]) -> impl Iterator<Item = ((usize, &usize), (usize, &usize))> {
+    seen.iter().enumerate().flat_map(|column| seen.iter().enumerate().map(move |row| (column, row)))
 }
 
 /// The gauge's share of the poses' block.

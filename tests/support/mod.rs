@@ -161,11 +161,21 @@ pub fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
 }
 
-/// `MAPFIT_RECORDINGS`, or a note that the test was skipped.
+/// The folder `MAPFIT_RECORDINGS` names, or a note that the test was skipped; where `CI` is set a missing folder fails.
 pub fn shared_data(test: &str) -> Option<std::path::PathBuf> {
-    let folder = std::env::var_os("MAPFIT_RECORDINGS");
-    if folder.is_none() {
-        eprintln!("SKIPPED {test}: MAPFIT_RECORDINGS is not set");
+    let folder = std::env::var_os("MAPFIT_RECORDINGS").map(|folder| Path::new(env!("CARGO_MANIFEST_DIR")).join(folder));
+    let there = folder.filter(|folder| folder.is_dir());
+    assert!(there.is_some() || std::env::var_os("CI").is_none(), "{test}: MAPFIT_RECORDINGS names no folder");
+    if there.is_none() {
+        eprintln!("SKIPPED {test}: MAPFIT_RECORDINGS names no folder");
     }
-    folder.map(|folder| Path::new(env!("CARGO_MANIFEST_DIR")).join(folder))
+    there
+}
+
+/// A log's text, unpacked.
+pub fn log_text(file: &Path) -> String {
+    let mut log = String::new();
+    let mut reader = flate2::read::MultiGzDecoder::new(std::fs::File::open(file).unwrap());
+    std::io::Read::read_to_string(&mut reader, &mut log).unwrap();
+    log
 }

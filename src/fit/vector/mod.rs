@@ -56,7 +56,7 @@ const SMOOTHING: f64 = 0.003;
 /// What a spline cannot follow of walls with jambs and ends, as a share of its spacing.
 const MODEL_SIGMA_SHARE: f64 = 0.05;
 /// How often surfels are gathered anew around better poses at most.
-const MOST_ROUNDS: usize = 6;
+const MOST_ROUNDS: usize = 4;
 /// Surfels are as good as gathered around the poses where this share of the returns moves by less than so many cells.
 const SETTLED_SHARE: f64 = 0.98;
 const SETTLED: f64 = 0.02;
