@@ -141,10 +141,10 @@ impl PublishedInputs {
         self.for_each_return(|seen, support, by| {
             let moved = seen.by_pose() * self.viewpoints[seen.scan].root;
             let by_pose = [0, 1, 2].map(|a| by(moved.column(a).into()));
-            for axis in 0..2 {
+            (0..2).for_each(|axis| {
                 let own = |at: usize| Vector3::from_fn(|a, _| by_pose[a][axis][at]);
                 system.hessian.add_coupling((axis, seen.scan), &support, own);
-            }
+            });
         });
         system
     }

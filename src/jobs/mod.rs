@@ -4,10 +4,12 @@
 //! through. Records are kept by the [store](crate::store) and worked on by the [worker](crate::worker).
 
 pub mod document;
+mod limits;
 mod reader;
 pub mod record;
 pub mod request;
 
 pub use document::DocumentError;
+pub use limits::{Fault, Limits};
 pub use record::{Job, JobStatus, MapRecord, ProblemReport, Progress};
-pub use request::{Fault, JobRequest, Limits, RequestError};
+pub use request::{JobRequest, RequestError};

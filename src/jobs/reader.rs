@@ -4,7 +4,7 @@
 //! on with the other members and gives up at the end.
 
 use super::document::Node;
-use super::request::{Fault, Limits};
+use super::limits::{Fault, Limits};
 
 /// Coordinates and ranges beyond this are no building's.
 pub(super) const FARTHEST: f64 = 1e6;

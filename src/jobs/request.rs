@@ -9,6 +9,7 @@ use std::f64::consts::TAU;
 use thiserror::Error;
 
 use super::document::{DocumentError, Node};
+use super::limits::{Fault, Limits};
 use super::reader::{FARTHEST, LONGEST_TEXT, Reader};
 use crate::fit::{self, Distance, End, FitOptions, Poses, Weighting, pose_unknowns};
 use crate::geometry::{Bounds, Cov3, Pose, Vec2, psd_square_root};
@@ -17,36 +18,12 @@ use crate::scan::{LaserScan, Noise, returns_of};
 use crate::spline::{Lattice, LatticeError};
 use crate::uncertainty::Factors;
 
-/// One fault of a request.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Fault {
-    /// RFC 6901, into the request body.
-    pub pointer: String,
-    pub detail: String,
-}
-
 #[derive(Debug, Error)]
 pub enum RequestError {
     #[error("{0}")]
     Document(#[from] DocumentError),
     #[error("the request has {} fault(s)", .0.len())]
     Faults(Vec<Fault>),
-}
-
-/// What a request may ask for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Limits {
-    pub control_points: usize,
-    pub scans: usize,
-    pub beams_a_scan: usize,
-    /// Values in the whole document.
-    pub values: usize,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self { control_points: 200_000, scans: 20_000, beams_a_scan: 100_000, values: 8_000_000 }
-    }
 }
 
 /// A request that can be fitted.

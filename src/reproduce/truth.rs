@@ -158,21 +158,30 @@ impl<'a> Truth<'a> {
     }
 }
 
+/// What a map says at a point, and the truth.
+struct Asked {
+    distance: f64,
+    sigma: f64,
+    clearance: f64,
+    truth: f64,
+}
+
 fn judge_points(map: &FittedMap, points: impl Iterator<Item = (Vec2, f64)>) -> DistanceJudgement {
-    let answers: Vec<(f64, f64, f64, f64)> = points
+    let asked: Vec<Asked> = points
         .filter_map(|(p, truth)| {
             let (distance, sigma) = map.distance(p, Kind::Propagated)?;
-            Some((distance, sigma, truth, map.clearance(p)?))
+            Some(Asked { distance, sigma, clearance: map.clearance(p)?, truth })
         })
         .collect();
-    let share = |of: &dyn Fn(&(f64, f64, f64, f64)) -> bool| mean(answers.iter().map(|own| f64::from(of(own))));
+    let share = |of: &dyn Fn(&Asked) -> bool| mean(asked.iter().map(|own| f64::from(of(own))));
+    let error = |own: &Asked| own.distance - own.truth;
     DistanceJudgement {
-        points: answers.len(),
-        mean: mean(answers.iter().map(|(d, _, truth, _)| (d - truth).abs())),
-        bias: mean(answers.iter().map(|(d, _, truth, _)| d - truth)),
-        far: share(&|(d, _, truth, _)| (d - truth).abs() > FAR),
-        coverage: share(&|(d, sigma, truth, _)| (d - truth).abs() <= 2.0 * sigma + SLACK),
-        reckless: share(&|(_, sigma, truth, clearance)| clearance - truth > 3.0 * sigma),
+        points: asked.len(),
+        mean: mean(asked.iter().map(|own| error(own).abs())),
+        bias: mean(asked.iter().map(error)),
+        far: share(&|own| error(own).abs() > FAR),
+        coverage: share(&|own| error(own).abs() <= 2.0 * own.sigma + SLACK),
+        reckless: share(&|own| own.clearance - own.truth > 3.0 * own.sigma),
     }
 }
 

@@ -25,6 +25,14 @@ impl CellBlock {
         block
     }
 
+    /// The lower triangle of `a b^T`: what a block between two components holds of it.
+    pub fn outer(a: &[f64; SUPPORT], b: &[f64; SUPPORT]) -> Self {
+        let mut block = Self::ZERO;
+        let pairs = b.iter().enumerate().flat_map(|(column, b)| a[column..].iter().map(move |a| a * b));
+        block.0.iter_mut().zip(pairs).for_each(|(into, value)| *into = value);
+        block
+    }
+
     /// Adds `weight` times another block.
     #[inline]
     pub fn add_scaled(&mut self, weight: f64, other: &Self) {

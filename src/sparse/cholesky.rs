@@ -31,12 +31,20 @@ pub enum SparseError {
     Setup(String),
     #[error("stopped")]
     Stopped,
+    #[error(
+        "too many poses see the same places: the system would have {entries} entries, the limit is {limit}. Fewer \
+         scans (every second one, say), or a smaller area, would help"
+    )]
+    TooLarge { entries: usize, limit: usize },
     #[error("a linear solve left a residual of {residual:.1e} relative to its right-hand side")]
     Residual { residual: f64 },
 }
 
 /// How large a relative residual of a solve may be before its answer is refused.
 pub(crate) const LARGEST_RESIDUAL: f64 = 1e-6;
+
+/// Entries of a factor at most: 2 GB, of which a covariance takes four times as much.
+pub(super) const LARGEST_FACTOR: usize = 250_000_000;
 
 /// A factorisation with its buffers; make one per pattern and refill it.
 pub struct Cholesky {
@@ -68,6 +76,9 @@ impl Cholesky {
             params,
         )
         .map_err(|error| setup(&error))?;
+        if symbolic.len_val() > LARGEST_FACTOR {
+            return Err(SparseError::TooLarge { entries: symbolic.len_val(), limit: LARGEST_FACTOR });
+        }
         let need = symbolic
             .factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default())
             .or(symbolic.solve_in_place_scratch::<f64>(1, Par::Seq));

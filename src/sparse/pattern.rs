@@ -9,8 +9,12 @@ use std::sync::Arc;
 
 use faer::sparse::SymbolicSparseColMatRef;
 
+use super::cholesky::{LARGEST_FACTOR, SparseError};
 use super::dissection::{Step, order};
 use super::stencil::Stencil;
+
+/// Entries between poses and control points at most.
+const LARGEST_COUPLING: usize = 40_000_000;
 
 /// Which control points each pose is coupled to.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -61,6 +65,23 @@ impl Views {
     #[inline]
     pub fn position(&self, pose: usize, point: usize) -> Option<usize> {
         self.view(pose).binary_search(&point).ok().map(|at| self.starts[pose] + at)
+    }
+
+    /// Refuses views that would couple more than a system of so many components should hold; before a pattern is made.
+    pub fn check_size(&self, components: usize) -> Result<(), SparseError> {
+        let entries = 3 * components * self.len();
+        if entries > LARGEST_COUPLING {
+            return Err(SparseError::TooLarge { entries, limit: LARGEST_COUPLING });
+        }
+        // All poses that see one control point are coupled in the factor.
+        let mut seen_by = vec![0usize; self.points.iter().max().map_or(0, |last| last + 1)];
+        self.points.iter().for_each(|&point| seen_by[point] += 1);
+        let most = seen_by.into_iter().max().unwrap_or(0);
+        let clique = (3 * most).saturating_mul(3 * most) / 2;
+        match clique > LARGEST_FACTOR {
+            true => Err(SparseError::TooLarge { entries: clique, limit: LARGEST_FACTOR }),
+            false => Ok(()),
+        }
     }
 
     /// Every pair as (pose, control point).

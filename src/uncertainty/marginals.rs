@@ -97,7 +97,7 @@ fn add_square(g: &mut SystemMatrix, input: &Input<'_>) {
     let pattern = g.pattern().clone();
     let rows = &input.by_control_points[..pattern.components()];
     for (a, b) in (0..rows.len()).flat_map(|a| (0..rows.len()).map(move |b| (a, b))) {
-        add_outer(g, (a, b), input.first, &rows[a], &rows[b]);
+        g.add_cell((a, b), input.first, &CellBlock::outer(&rows[a], &rows[b]));
     }
     let row = pattern.stencil().size()[0];
     let support: [usize; SUPPORT] = std::array::from_fn(|k| input.first + k % 4 + k / 4 * row);
@@ -129,20 +129,6 @@ pub(super) fn for_each_carried(estimate: &Estimate, each: &mut dyn FnMut(&Input<
         let by_control_points = [[0.0; SUPPORT]; 2];
         poses.iter().for_each(|own| each(&Input { by_control_points, by_poses: std::slice::from_ref(own), ..*input }));
     });
-}
-
-/// Adds the outer product of two rows of one cell to the block between two components. A block's stencil holds the
-/// pairs whose row is no lower than their column.
-fn add_outer(g: &mut SystemMatrix, block: (usize, usize), first: usize, a: &[f64; SUPPORT], b: &[f64; SUPPORT]) {
-    let mut packed = CellBlock::ZERO;
-    let mut at = 0;
-    for column in 0..SUPPORT {
-        for row in column..SUPPORT {
-            packed.0[at] = a[row] * b[column];
-            at += 1;
-        }
-    }
-    g.add_cell(block, first, &packed);
 }
 
 /// Puts in the gauge and takes out the pin; doubles the posterior.

@@ -55,7 +55,7 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
     let calibrated = options.weighting == Weighting::Calibrated;
     let observed = returns.len();
     let returns = match calibrated {
-        true => what_stands(job, returns, &viewpoints, &mut evidence)?,
+        true => what_stands(job, returns, &viewpoints, &mut evidence, observer)?,
         false => returns,
     };
     let seen_through = calibrated.then(|| 1.0 - returns.len() as f64 / observed as f64);
@@ -71,6 +71,7 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
         Weighting::Calibrated => Weighing::Sampson,
     };
     let sightings = Sightings::new(lattice, returns, viewpoints, weighing);
+    sightings.views(lattice).check_size(1)?;
     let loss = eikonal_loss(&weights, options.weighting, lattice.resolution);
     let cells = calibrated.then(|| evidence.cells_within(lattice, EIKONAL_BAND));
     let points = if calibrated { 3 } else { 2 };
@@ -144,11 +145,13 @@ fn what_stands(
     returns: Vec<Return>,
     viewpoints: &[Viewpoint],
     evidence: &mut Evidence,
+    observer: Observer<'_>,
 ) -> Result<Vec<Return>, FitError> {
     let h = job.lattice.resolution;
     let (surfels, owners) = Surfels::gather(&returns, &normals::outward(&returns, h), viewpoints, h);
     let poses: Vec<Pose> = job.scans.iter().map(|scan| scan.pose).collect();
-    let stands = standing::standing(&surfels, job.scans, &poses, h);
+    let go_on = &mut || observer(&Progress::NONE).is_continue();
+    let stands = standing::standing(&surfels, job.scans, &poses, h, go_on).ok_or(FitError::Cancelled)?;
     if stands.iter().all(|stands| *stands) || !stands.contains(&true) {
         return Ok(returns);
     }

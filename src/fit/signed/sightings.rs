@@ -5,6 +5,7 @@
 //! of all scans have one scale.
 
 use std::borrow::Cow;
+use std::collections::BTreeSet;
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -15,6 +16,7 @@ use crate::fit::gauge;
 use crate::fit::viewpoint::{Viewpoint, onto_one_to_two};
 use crate::geometry::Vec2;
 use crate::scan::Return;
+use crate::sparse::Views;
 use crate::spline::{Lattice, Located, Surface};
 
 /// A return where the current poses put it.
@@ -72,6 +74,14 @@ impl Sightings {
         for viewpoint in &mut self.viewpoints {
             viewpoint.noise.pose = (!refined).then(|| viewpoint.root * viewpoint.root.transpose());
         }
+    }
+
+    /// What every pose sees, as reported.
+    pub fn views(&self, lattice: &Lattice) -> Views {
+        let cells: BTreeSet<(usize, [usize; 2])> =
+            self.reported.iter().map(|sighting| (sighting.seen.scan, sighting.located.cell)).collect();
+        let points = |(scan, cell): (usize, [usize; 2])| lattice.support(cell).map(|point| (scan, point));
+        Views::of(self.viewpoints.len(), cells.into_iter().flat_map(points))
     }
 
     /// The number of pose unknowns.

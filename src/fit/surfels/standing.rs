@@ -13,11 +13,19 @@ use crate::scan::LaserScan;
 const LEAST_STOPPED: f64 = 0.4;
 /// A beam that meets a surface at less than this sine grazes it.
 const SQUARE: f64 = 0.35;
+/// Pairs of surfel and scan between two questions whether to go on.
+const BREATH: usize = 2_000_000;
 /// A beam passes a surfel when it goes on for this many cells more.
 const MARGIN: f64 = 1.0;
 
-/// A mark a surfel: whether it stands.
-pub fn standing(surfels: &Surfels, scans: &[LaserScan], poses: &[Pose], h: f64) -> Vec<bool> {
+/// For every surfel whether it stands, or `None` where `go_on`, asked every so often, said no.
+pub fn standing(
+    surfels: &Surfels,
+    scans: &[LaserScan],
+    poses: &[Pose],
+    h: f64,
+    go_on: &mut dyn FnMut() -> bool,
+) -> Option<Vec<bool>> {
     let extents: Vec<Bounds> = scans.iter().zip(poses).map(|(scan, pose)| extent(scan, pose)).collect();
     let stands = |surfel: &Surfel| {
         let most_passes = surfels.witnesses(surfel).len() as f64 * (1.0 / LEAST_STOPPED - 1.0);
@@ -27,7 +35,9 @@ pub fn standing(surfels: &Surfels, scans: &[LaserScan], poses: &[Pose], h: f64) 
             .filter(|((scan, pose), _)| passed(surfel, scan, pose, MARGIN * h));
         passes.nth(most_passes as usize).is_none()
     };
-    surfels.all.iter().map(stands).collect()
+    let a_breath = (BREATH / scans.len().max(1)).max(1);
+    let mut asked = |k: usize| !k.is_multiple_of(a_breath) || go_on();
+    surfels.all.iter().enumerate().map(|(k, surfel)| asked(k).then(|| stands(surfel))).collect()
 }
 
 /// The rectangle around a scanner and what it met, and so around everything its beams passed between two returns.
@@ -66,7 +76,7 @@ mod tests {
         let person = Vec2::new(4.0, 0.7);
         let (scans, surfels) = corridor(&[person]);
         let poses: Vec<Pose> = scans.iter().map(|scan| scan.pose).collect();
-        let stands = standing(&surfels, &scans, &poses, 0.25);
+        let stands = standing(&surfels, &scans, &poses, 0.25, &mut || true).unwrap();
         let near = |surfel: &Surfel| (surfel.anchor - person).norm() < 0.4;
         let (people, walls): (Vec<_>, Vec<_>) = surfels.all.iter().zip(stands).partition(|(surfel, _)| near(surfel));
         assert!(people.len() > 3 && people.iter().all(|(_, stands)| !stands));

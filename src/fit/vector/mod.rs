@@ -86,7 +86,7 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
         None => place.rounds(&mut returns, options, &mut cholesky, observer)?,
     };
     let (objective, minimum) = match job.end {
-        Some(_) => place.assembled(&mut gathered, &z),
+        Some(_) => place.assembled(&mut gathered, &z)?,
         None => place.settled(&mut gathered, &mut z, options, &mut cholesky, observer)?,
     };
     let e = z.split_off(2 * lattice.len());
@@ -156,24 +156,25 @@ impl Place<'_> {
     }
 
     /// Surfels of returns that lie where the pose unknowns `e` put them.
-    fn gather(&self, returns: &[Return], e: &[f64]) -> Gathered {
+    fn gather(&self, returns: &[Return], e: &[f64], go_on: &mut dyn FnMut() -> bool) -> Result<Gathered, FitError> {
         let &Self { scans, lattice, viewpoints, near, .. } = self;
         let normals = normals::outward(returns, lattice.resolution);
         let (mut surfels, _) = Surfels::gather(returns, &normals, viewpoints, lattice.resolution);
-        let stands = standing::standing(&surfels, scans, &self.poses(e), lattice.resolution);
+        let stands = standing::standing(&surfels, scans, &self.poses(e), lattice.resolution, go_on);
+        let stands = stands.ok_or(FitError::Cancelled)?;
         let kept = surfels.keep(&stands);
         let traced = Characteristics::trace(lattice, &surfels, near);
-        Gathered { e: e.to_vec(), surfels, traced, seen_through: 1.0 - kept }
+        Ok(Gathered { e: e.to_vec(), surfels, traced, seen_through: 1.0 - kept })
     }
 
     /// The objective of gathered surfels, linear around the pose unknowns `e`.
-    fn objective(&self, gathered: &Gathered, e: &[f64]) -> VectorObjective {
+    fn objective(&self, gathered: &Gathered, e: &[f64]) -> Result<VectorObjective, FitError> {
         let gauge = match self.refined() {
             true => gauge::common_motion(self.viewpoints),
             false => Mat::zeros(e.len(), 0),
         };
         let Gathered { surfels, traced, .. } = gathered;
-        VectorObjective::assemble(self.lattice, self.stencil, surfels, traced, self.weights, (e, gauge))
+        Ok(VectorObjective::assemble(self.lattice, self.stencil, surfels, traced, self.weights, (e, gauge))?)
     }
 
     /// Gathers surfels and minimises until poses change little; the last surfels, and the unknowns.
@@ -189,9 +190,9 @@ impl Place<'_> {
         let mut progress = Progress { max_iterations: rounds + 1, ..Progress::NONE };
         loop {
             observe(observer, &progress)?;
-            let gathered = self.gather(returns, &e);
+            let gathered = self.gather(returns, &e, &mut || observer(&progress).is_continue())?;
             observe(observer, &progress)?;
-            let objective = self.objective(&gathered, &e);
+            let objective = self.objective(&gathered, &e)?;
             let factor = Factor::factorise(&objective.system, cholesky)?;
             let downhill: Vec<f64> = objective.system.gradient.iter().map(|slope| -slope).collect();
             let mut z = factor.solve_checked(&objective.system, cholesky, &downhill)?;
@@ -210,12 +211,12 @@ impl Place<'_> {
     }
 
     /// The objective linear around the poses as they are, and how well the unknowns minimise it.
-    fn assembled(&self, gathered: &mut Gathered, z: &[f64]) -> (VectorObjective, Minimum) {
+    fn assembled(&self, gathered: &mut Gathered, z: &[f64]) -> Result<(VectorObjective, Minimum), FitError> {
         let e = &z[2 * self.lattice.len()..];
         gathered.surfels.reproject(&self.poses(&gathered.e), &self.poses(e), self.viewpoints);
-        let objective = self.objective(gathered, e);
+        let objective = self.objective(gathered, e)?;
         let minimum = objective.minimum(z);
-        (objective, minimum)
+        Ok((objective, minimum))
     }
 
     /// Goes on to the minimum for the surfels as they were gathered: chords of the last factor, since little changes but
@@ -230,7 +231,7 @@ impl Place<'_> {
     ) -> Result<(VectorObjective, Minimum), FitError> {
         let (mut factor, mut steps) = (None, 0);
         loop {
-            let (objective, minimum) = self.assembled(gathered, z);
+            let (objective, minimum) = self.assembled(gathered, z)?;
             let minimum = Minimum { iterations: steps, factorisations: usize::from(factor.is_some()), ..minimum };
             let progress = Progress { iteration: steps, max_iterations: MOST_STEPS, ..Progress::NONE };
             observe(
@@ -260,7 +261,7 @@ impl Place<'_> {
             _ => return Err(FitError::NotFinite),
         };
         put(returns, self.scans, &self.poses(gathered_at));
-        let gathered = self.gather(returns, gathered_at);
+        let gathered = self.gather(returns, gathered_at, &mut || true)?;
         let mut z: Vec<f64> =
             end.coefficients.iter().flat_map(|own| own.iter()).map(|c| if c.is_nan() { 0.0 } else { *c }).collect();
         z.extend(e);

@@ -11,7 +11,7 @@ use crate::fit::estimate::{HELD, Minimum, PRIOR};
 use crate::fit::options::{Poses, Weights};
 use crate::fit::surfels::{Surfel, Surfels};
 use crate::fit::system::System;
-use crate::sparse::{CellBlock, Pattern, Stencil, StencilMatrix, Views};
+use crate::sparse::{CellBlock, Pattern, SparseError, Stencil, StencilMatrix, Views};
 use crate::spline::{BasisRow, Lattice, SUPPORT};
 
 /// The weight of a hint, per square metre (and square metre of error): far below what poses and surfaces are known to.
@@ -39,8 +39,10 @@ impl VectorObjective {
         characteristics: &Characteristics,
         weights: &Weights,
         (e, gauge): (&[f64], Mat<f64>),
-    ) -> Self {
-        let pattern = Pattern::new(stencil.clone(), 2, views(lattice, stencil, surfels, e.len() / 3));
+    ) -> Result<Self, SparseError> {
+        let views = views(lattice, stencil, surfels, e.len() / 3);
+        views.check_size(2)?;
+        let pattern = Pattern::new(stencil.clone(), 2, views);
         let free = match weights.poses {
             Poses::Refined => pattern.dimension(),
             Poses::Fixed => pattern.coefficients(),
@@ -55,7 +57,7 @@ impl VectorObjective {
         (0..2).for_each(|k| hessian.add_diagonal_block(k, &component.values, 1.0));
         let prior = if weights.poses == Poses::Refined { PRIOR } else { HELD };
         (0..e.len() / 3).for_each(|pose| hessian.add_pose(pose, &(Matrix3::identity() * prior)));
-        own
+        Ok(own)
     }
 
     /// `rho_e |(n . grad) V - n|^2`, the hints where the field jumps, and the thin-plate energy.
