@@ -54,8 +54,10 @@ impl House {
 
     async fn open(&self) -> Result<Arc<Workshop>, CliError> {
         let folder = self.data.display();
-        std::fs::create_dir_all(&self.data)
-            .map_err(CliError::io(format!("the data folder {folder} cannot be made")))?;
+        // What robots saw is nobody else's on this machine.
+        let mut private = std::fs::DirBuilder::new();
+        std::os::unix::fs::DirBuilderExt::mode(private.recursive(true), 0o700);
+        private.create(&self.data).map_err(CliError::io(format!("the data folder {folder} cannot be made")))?;
         let records = SqliteStore::open(&self.data.join("mapfit.sqlite")).await?;
         let artifacts = Artifacts::in_folder(&self.data.join("artifacts"))?;
         let limits = Limits { control_points: self.max_control_points, ..Limits::default() };

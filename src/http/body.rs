@@ -1,8 +1,7 @@
 //! Request bodies: JSON, as it is or compressed, whole and within the limit.
 //!
-//! The body is received whole before it is answered, even where it is refused: a server that answers and hangs up while
-//! a client still sends makes the client see a broken connection instead of the answer. What is over the limit is
-//! thrown away as it comes, for a bounded while. Decompression stops where its output outgrows the limit, so a bomb
+//! What can be refused by its headers is, at once; the body is thrown away meanwhile, for a bounded while: a server that
+//! answers and hangs up while a client still sends makes the client see a broken connection instead of the answer. Decompression stops where its output outgrows the limit, so a bomb
 //! costs no more than an honest body.
 
 use std::io::Read;
@@ -38,15 +37,22 @@ impl Service {
     pub async fn read_body(
         &self,
         headers: &HeaderMap,
-        body: Body,
+        mut body: Body,
         known: &[&'static str],
     ) -> Result<(Bytes, &'static str), Problem> {
         let limit = self.body_limit;
-        let received = receive(body, limit).await;
-        let media = media_type(headers, known)?;
-        let encoding = encoding(headers)?;
-        let unpacked = self.unpack(received?, encoding, limit).await?;
+        let length = if announced(headers) > limit as u64 { Err(too_large(limit)) } else { Ok(()) };
+        let checked = length.and_then(|()| Ok((media_type(headers, known)?, encoding(headers)?)));
+        let (media, encoding) = checked.inspect_err(|_| self.discard(std::mem::take(&mut body)))?;
+        let received = receive(body, limit).await?;
+        let unpacked = self.unpack(received, encoding, limit).await?;
         Ok((unpacked, media))
+    }
+
+    /// Throws away a body that will not be read: the answer goes out at once, and the client, which may still be sending,
+    /// sees it.
+    pub fn discard(&self, body: Body) {
+        tokio::spawn(receive(body, self.body_limit));
     }
 
     async fn unpack(&self, raw: Bytes, encoding: Encoding, limit: usize) -> Result<Bytes, Problem> {
@@ -59,6 +65,12 @@ impl Service {
             }
         }
     }
+}
+
+/// The length that a body says it has.
+fn announced(headers: &HeaderMap) -> u64 {
+    let length = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok());
+    length.and_then(|length| length.parse().ok()).unwrap_or(0)
 }
 
 /// Which of the known media types a body has; `application/anything+json` is JSON, too.

@@ -153,17 +153,13 @@ fn prepare(json: &[u8], key: Option<String>, limits: &crate::jobs::Limits) -> Re
         tracing::error!(%error, "a request could not be compressed");
         Problem::of_status(StatusCode::INTERNAL_SERVER_ERROR)
     })?;
-    let message = match &request.ignored[..] {
-        [] => None,
-        ignored => Some(format!("members without a meaning were ignored: {}", ignored.join(", "))),
-    };
     Ok(NewJob {
         tenant: TENANT.into(),
         name: request.name,
         labels: request.labels,
         priority: request.priority,
         progress: Progress::queued(request.options.max_iterations),
-        message,
+        message: None,
         request: compressed,
         idempotency: key.map(|key| (key, body)),
     })

@@ -5,7 +5,7 @@
 //! | [`jobs`], [`events`] | submission, states, cancellation, long poll, server-sent events |
 //! | [`maps`], [`covariance`], [`query`], [`pictures`] | a map's record, arrays, points, pictures |
 //! | [`service`] | health, documentation, the console |
-//! | [`conventions`], [`problem`], [`params`], [`negotiate`], [`body`], [`caching`], [`representation`] | what all routes share |
+//! | [`conventions`], [`guard`], [`problem`], [`params`], [`negotiate`], [`body`], [`caching`], [`representation`] | what all routes share |
 //!
 //! Domain errors know nothing of HTTP; they become problems here, at the border.
 
@@ -14,6 +14,7 @@ pub mod caching;
 pub mod conventions;
 pub mod covariance;
 pub mod events;
+pub mod guard;
 pub mod jobs;
 pub mod maps;
 pub mod negotiate;
@@ -80,5 +81,7 @@ pub fn router(workshop: Arc<Workshop>) -> Router {
         .method_not_allowed_fallback(|| async { Problem::of_status(axum::http::StatusCode::METHOD_NOT_ALLOWED) })
         .with_state(state)
         .layer(CatchPanicLayer::custom(conventions::after_panic))
+        .layer(from_fn(guard::loopback_only))
+        .layer(from_fn(guard::secured))
         .layer(from_fn(conventions::finish))
 }

@@ -1,5 +1,7 @@
 //! Query parameters, read one by one, every fault kept for one answer.
 
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::str::FromStr;
 
 use axum::http::Uri;
@@ -11,22 +13,30 @@ use super::problem::Problem;
 /// The query of one request.
 pub struct Params {
     pairs: Vec<(String, String)>,
+    /// The parameters that were asked for: any other is a fault.
+    known: RefCell<BTreeSet<String>>,
     faults: Vec<(String, String)>,
 }
 
 impl Params {
     pub fn of(uri: &Uri) -> Self {
         let query = uri.query().unwrap_or_default();
-        Self { pairs: form_urlencoded::parse(query.as_bytes()).into_owned().collect(), faults: Vec::new() }
+        Self {
+            pairs: form_urlencoded::parse(query.as_bytes()).into_owned().collect(),
+            known: RefCell::default(),
+            faults: Vec::new(),
+        }
     }
 
     /// A parameter's last value.
     pub fn text(&self, name: &str) -> Option<&str> {
+        self.known.borrow_mut().insert(name.to_owned());
         self.pairs.iter().rev().find(|(key, _)| key == name).map(|(_, value)| value.as_str())
     }
 
     /// All values of a parameter.
     pub fn all(&self, name: &str) -> Vec<String> {
+        self.known.borrow_mut().insert(name.to_owned());
         self.pairs.iter().filter(|(key, _)| key == name).map(|(_, value)| value.clone()).collect()
     }
 
@@ -91,11 +101,20 @@ impl Params {
     }
 
     /// The faults as one problem, or nothing.
-    pub fn finish(self) -> Result<(), Problem> {
+    pub fn finish(mut self) -> Result<(), Problem> {
+        let known = self.known.take();
+        let strangers: BTreeSet<String> =
+            self.pairs.iter().filter(|(name, _)| !known.contains(name)).map(|(name, _)| name.clone()).collect();
+        for name in strangers.into_iter().take(MOST_STRANGERS) {
+            let name = name.chars().take(60).collect::<String>();
+            self.fault(&name, "is not known here");
+        }
         if self.faults.is_empty() { Ok(()) } else { Err(Problem::invalid_parameters(self.faults)) }
     }
 }
 
+/// Unknown parameters that are listed at most.
+const MOST_STRANGERS: usize = 20;
 const DEFAULT_ITEMS: i64 = 50;
 const MOST_ITEMS: i64 = 1000;
 const CURSOR: &str = "before:";

@@ -116,9 +116,14 @@ pub async fn query(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    let received = state.read_body(&headers, body, &[JSON.media, NPY]).await;
-    let record = state.map_record(&id).await?;
-    let (bytes, media) = received?;
+    let record = match state.map_record(&id).await {
+        Ok(record) => record,
+        Err(problem) => {
+            state.discard(body);
+            return Err(problem);
+        }
+    };
+    let (bytes, media) = state.read_body(&headers, body, &[JSON.media, NPY]).await?;
     let mut params = Params::of(&uri);
     let format = negotiate(&headers, &mut params, &[JSON, NPZ])?;
     let kind = params.choice("kind", &KINDS);

@@ -2,11 +2,12 @@
 
 use axum::Json;
 use axum::extract::State;
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::json;
 
 use super::AppState;
+use super::guard::policy;
 use super::openapi::document;
 use super::problem::Problem;
 
@@ -42,5 +43,7 @@ pub async fn readyz(State(state): State<AppState>) -> Result<Response, Problem> 
 
 /// The console: jobs and maps in a browser.
 pub async fn console() -> impl IntoResponse {
-    ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], include_str!("../../console/index.html"))
+    const PAGE: &str = include_str!("../../console/index.html");
+    let content = HeaderValue::from_static("text/html; charset=utf-8");
+    ([(header::CONTENT_TYPE, content), (header::CONTENT_SECURITY_POLICY, policy(PAGE))], PAGE)
 }

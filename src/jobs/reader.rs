@@ -12,20 +12,17 @@ pub(super) const FARTHEST: f64 = 1e6;
 pub(super) const LONGEST_TEXT: usize = 256;
 /// Faults listed at most; the rest are counted.
 const MOST_FAULTS: usize = 100;
-/// Members without a meaning that are listed at most.
-const MOST_IGNORED: usize = 20;
 
-/// What has been read of a document: its faults, and the members nobody asked for.
+/// What has been read of a document: its faults.
 pub(super) struct Reader<'a> {
     pub limits: &'a Limits,
     pub faults: Vec<Fault>,
     pub unlisted: usize,
-    pub ignored: Vec<String>,
 }
 
 impl<'a> Reader<'a> {
     pub fn new(limits: &'a Limits) -> Self {
-        Self { limits, faults: Vec::new(), unlisted: 0, ignored: Vec::new() }
+        Self { limits, faults: Vec::new(), unlisted: 0 }
     }
 
     pub fn fault<T>(&mut self, pointer: &str, detail: impl Into<String>) -> Option<T> {
@@ -76,8 +73,10 @@ impl<'a> Reader<'a> {
     pub fn known(&mut self, node: &Node, at: &str, names: &[&str]) {
         let Node::Object(members) = node else { return };
         for (key, _) in members {
-            if !names.contains(&key.as_str()) && self.ignored.len() < MOST_IGNORED {
-                self.ignored.push(format!("{at}/{}", key.chars().take(60).collect::<String>()));
+            if !names.contains(&key.as_str()) {
+                let shown: String = key.chars().take(60).collect();
+                let pointer = format!("{at}/{}", shown.replace('~', "~0").replace('/', "~1"));
+                self.fault::<()>(&pointer, format!("is not known here; {} are", names.join(", ")));
             }
         }
     }

@@ -1,7 +1,7 @@
 //! A job request: JSON in, scans and options out, or every fault with a pointer to it.
 //!
 //! Pointers are RFC 6901. Every size is checked here, before anything of that size is built; a request that passes can
-//! be fitted. Members this version does not know are listed in `ignored`, so that a client learns of its typing errors.
+//! be fitted. A member that this version does not know is a fault, so that a client learns of its typing errors.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -37,8 +37,6 @@ pub struct JobRequest {
     pub distance: Distance,
     pub lattice: Lattice,
     pub options: FitOptions,
-    /// Pointers of members that have no meaning here.
-    pub ignored: Vec<String>,
 }
 
 /// Standard deviations outside this cannot be squared into anything useful.
@@ -115,7 +113,6 @@ impl Reader<'_> {
             distance: map?.distance,
             lattice,
             options: options?.unwrap_or_default(),
-            ignored: std::mem::take(&mut self.ignored),
         })
     }
 

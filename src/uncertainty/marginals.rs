@@ -205,13 +205,15 @@ fn check_definite(marginals: &Marginals) -> Result<(), UncertaintyError> {
     let (stencil, n) = (pattern.stencil(), pattern.stencil().dimension());
     for kind in Kind::ALL {
         let diagonal = marginals.of(kind).diagonal();
-        let bad = diagonal.iter().enumerate().filter(|(k, v)| {
-            let in_use = *k >= pattern.coefficients() || stencil.is_active(k % n);
-            in_use && !(v.is_finite() && **v > 0.0)
-        });
-        let count = bad.count();
-        if count > 0 {
-            let detail = format!("{count} of {} variances are not positive", diagonal.len());
+        let in_use = |k: usize| k >= pattern.coefficients() || stencil.is_active(k % n);
+        let variances = || diagonal.iter().enumerate().filter(|(k, _)| in_use(*k)).map(|(_, v)| *v);
+        let bad = variances().filter(|v| !(v.is_finite() && *v > 0.0)).count();
+        if bad > 0 {
+            let least = variances().fold(f64::INFINITY, f64::min);
+            let detail = format!(
+                "{bad} of {} {kind:?} variances are not positive, the least is {least:.1e}",
+                variances().count()
+            );
             return Err(UncertaintyError::IllConditioned { detail });
         }
     }

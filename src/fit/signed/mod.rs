@@ -150,7 +150,8 @@ fn what_stands(
     let h = job.lattice.resolution;
     let (surfels, owners) = Surfels::gather(&returns, &normals::outward(&returns, h), viewpoints, h);
     let poses: Vec<Pose> = job.scans.iter().map(|scan| scan.pose).collect();
-    let go_on = &mut || observer(&Progress::NONE).is_continue();
+    let progress = Progress { max_iterations: job.options.max_iterations, ..Progress::NONE };
+    let go_on = &mut || observer(&progress).is_continue();
     let stands = standing::standing(&surfels, job.scans, &poses, h, go_on).ok_or(FitError::Cancelled)?;
     if stands.iter().all(|stands| *stands) || !stands.contains(&true) {
         return Ok(returns);

@@ -289,7 +289,11 @@ fn consensus(patch: &Patch, patches: &[Patch], tree: &RTree<GeomWithData<[f64; 2
         anchor += normal * ((s - slope * t) / one);
         normal = (normal - tangent * slope).normalize();
     }
-    (anchor, normal)
+    // A line through next to nothing may lead anywhere: a consensus far from the patch is none.
+    match (anchor - patch.center).norm() <= KERNEL * h {
+        true => (anchor, normal),
+        false => (patch.center, patch.normal),
+    }
 }
 
 /// How far the next patch of the same surface is on either side.

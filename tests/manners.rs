@@ -1,0 +1,102 @@
+//! How the service meets what it should not serve: foreign names, bodies that are too large, fields it does not know.
+
+mod support;
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::os::unix::fs::PermissionsExt;
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+use support::{Server, small};
+
+/// Sends a request as it is and gives what came back until the answer's end or two seconds of silence.
+fn raw(server: &Server, request: &str) -> String {
+    let mut stream = TcpStream::connect(server.url.trim_start_matches("http://")).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(2))).unwrap();
+    stream.write_all(request.as_bytes()).unwrap();
+    let (mut answer, mut buffer) = (Vec::new(), [0; 4096]);
+    while let Ok(n @ 1..) = stream.read(&mut buffer) {
+        answer.extend_from_slice(&buffer[..n]);
+        if String::from_utf8_lossy(&answer).contains("request_id") {
+            break;
+        }
+    }
+    String::from_utf8_lossy(&answer).into_owned()
+}
+
+#[test]
+fn only_loopback_names_and_pages_are_served() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 0);
+    for (host, origin, status) in [
+        ("evil.example", "", 403),
+        ("127.0.0.1.evil.example:80", "", 403),
+        ("localhost:9", "", 200),
+        ("[::1]:9", "", 200),
+        ("localhost", "Origin: https://evil.example\r\n", 403),
+        ("localhost", "Origin: null\r\n", 403),
+        ("localhost", "Origin: http://localhost:5173\r\n", 200),
+    ] {
+        let answer =
+            raw(&server, &format!("GET /v1/jobs HTTP/1.1\r\nHost: {host}\r\n{origin}Connection: close\r\n\r\n"));
+        assert!(answer.starts_with(&format!("HTTP/1.1 {status}")), "{host} {origin}: {answer}");
+    }
+    let rebound = "DELETE /v1/maps/01900000-0000-7000-8000-000000000000 HTTP/1.1\r\nHost: evil.example\r\n\r\n";
+    assert!(raw(&server, rebound).starts_with("HTTP/1.1 403"));
+}
+
+#[test]
+fn what_is_too_large_or_misdirected_is_refused_before_it_is_read() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 0);
+    let post = |path: &str, media: &str, length: u64| {
+        let began = Instant::now();
+        let head = format!(
+            "POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: {media}\r\nContent-Length: {length}\r\n\r\n{{"
+        );
+        let answer = raw(&server, &head);
+        assert!(began.elapsed() < Duration::from_secs(1), "{path} took {:?}", began.elapsed());
+        answer
+    };
+    assert!(post("/v1/jobs", "application/json", 10_000_000_000).starts_with("HTTP/1.1 413"));
+    assert!(post("/v1/jobs", "text/csv", 1_000).starts_with("HTTP/1.1 415"));
+    let nowhere = "/v1/maps/01900000-0000-7000-8000-000000000000/query";
+    assert!(post(nowhere, "application/json", 1_000).starts_with("HTTP/1.1 404"));
+}
+
+#[test]
+fn unknown_fields_and_parameters_are_faults_that_name_them() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 1);
+    let mut job = small(1);
+    (job["prioritty"], job["fit"], job["map"]["a/b"]) = (json!(3), json!({"iterations": 3}), json!(1));
+    let problem = server.post("/v1/jobs", &job).problem(422);
+    let pointers: Vec<&str> =
+        problem["errors"].as_array().unwrap().iter().map(|fault| fault["pointer"].as_str().unwrap()).collect();
+    assert_eq!(pointers.len(), 3, "{problem}");
+    for pointer in ["/prioritty", "/fit/iterations", "/map/a~1b"] {
+        assert!(pointers.contains(&pointer), "{pointer} is not in {pointers:?}");
+    }
+    let own = format!("/v1/maps/{}", server.map_of(&small(1)));
+    for path in ["/v1/jobs?stat=running", "/v1/maps?offset=3", &format!("{own}/ogm?res=0.1"), &format!("{own}?x=1")] {
+        let problem = server.get(path).problem(422);
+        assert!(problem["errors"][0]["parameter"].is_string(), "{problem}");
+    }
+    let problem = server.post(&format!("{own}/query"), &json!({"points": [[0, 0]], "point": 1})).problem(422);
+    assert_eq!(problem["errors"][0]["pointer"], "/point");
+}
+
+#[test]
+fn pages_have_a_policy_and_data_is_private() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("kept");
+    let server = Server::start(&data, 0);
+    for page in ["/", "/docs/"] {
+        let answer = server.get(page);
+        let policy = answer.header("content-security-policy");
+        assert!(answer.status == 200 && policy.contains("frame-ancestors 'none'") && !policy.contains('*'), "{policy}");
+        assert_eq!(answer.header("x-content-type-options"), "nosniff");
+    }
+    assert_eq!(std::fs::metadata(&data).unwrap().permissions().mode() & 0o077, 0);
+}
