@@ -18,7 +18,9 @@ pub struct Client {
 }
 
 impl Client {
+    /// `base` is the service's address; `http://` may be left out.
     pub fn new(base: &str) -> Self {
+        let base = &if base.contains("://") { base.to_owned() } else { format!("http://{base}") };
         let mut config = ureq::Agent::config_builder();
         if ["://127.", "://localhost", "://[::1]"].iter().any(|local| base.contains(local)) {
             // A proxy of the environment is for the world outside.
@@ -106,7 +108,7 @@ impl Client {
     }
 
     fn unreachable(&self, error: &ureq::Error) -> CliError {
-        CliError::Server(format!("{} cannot be reached: {error}. Is `mapfit serve` running there?", self.base))
+        CliError::Unreachable(format!("{} cannot be reached: {error}. Is `mapfit serve` running there?", self.base))
     }
 }
 

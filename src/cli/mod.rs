@@ -62,9 +62,22 @@ pub enum CliError {
     Reproduce(#[from] crate::reproduce::ReproduceError),
     #[error("{0}")]
     Server(String),
+    #[error("{0}")]
+    Unreachable(String),
+    #[error("{0} of the fits did not converge; the maps are there, and say why under fit.unconverged")]
+    Unconverged(usize),
 }
 
 impl CliError {
+    /// The process's exit code, as the contract has them.
+    fn code(&self) -> u8 {
+        match self {
+            Self::Usage(_) => 2,
+            Self::Unreachable(_) => 3,
+            _ => 1,
+        }
+    }
+
     fn io(context: impl Into<String>) -> impl FnOnce(std::io::Error) -> Self {
         let context = context.into();
         move |source| Self::Io { context, source }
@@ -89,7 +102,7 @@ pub fn main() -> std::process::ExitCode {
         Ok(()) => std::process::ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("mapfit: {error}");
-            std::process::ExitCode::FAILURE
+            std::process::ExitCode::from(error.code())
         }
     }
 }

@@ -28,8 +28,8 @@ pub struct Submit {
 /// How a log becomes a job. A job file says all this itself.
 #[derive(Debug, Args)]
 struct LogOptions {
-    /// sdf: signed, for rooms with an inside; vdf: the vector from the nearest surface, for thin walls (logs).
-    #[arg(long, env = "MAPFIT_DISTANCE", default_value = "sdf", value_parser = ["sdf", "vdf"])]
+    /// vdf: the vector from the nearest surface, for buildings; sdf: signed, for rooms with an inside (logs).
+    #[arg(long, env = "MAPFIT_DISTANCE", default_value = "vdf", value_parser = ["sdf", "vdf"])]
     distance: String,
     /// The spacing of control points, metres (logs).
     #[arg(long, env = "MAPFIT_RESOLUTION", default_value_t = 0.25)]
@@ -62,6 +62,7 @@ struct LogOptions {
 impl Submit {
     pub fn run(self) -> Result<(), CliError> {
         let client = Client::new(&self.url);
+        let mut unconverged = 0;
         for file in &self.files {
             let request = self.log.request(file)?;
             let job = client.submit(&request)?;
@@ -73,12 +74,23 @@ impl Submit {
                 let job = client.wait(&job)?;
                 let map = client.get_json(&text(&job["links"], "map"))?;
                 println!("{}: map {}", file.display(), client.url(&text(&map["links"], "self")));
+                let fit = &map["fit"];
+                println!(
+                    "  {} returns, {:.1} s, {}",
+                    fit["observations"],
+                    fit["seconds"].as_f64().unwrap_or_default(),
+                    if fit["converged"] == true { "converged" } else { "NOT converged" },
+                );
+                if let Some(why) = fit["unconverged"].as_str() {
+                    println!("  {why}");
+                }
+                unconverged += usize::from(fit["converged"] != true);
                 for (relation, address) in map["links"].as_object().into_iter().flatten() {
                     println!("  {relation:<13}{}", client.url(address.as_str().unwrap_or_default()));
                 }
             }
         }
-        Ok(())
+        if unconverged == 0 { Ok(()) } else { Err(CliError::Unconverged(unconverged)) }
     }
 }
 

@@ -173,7 +173,10 @@ fn answer(map: &FittedMap, question: &Question) -> QueryAnswer {
         distance: each(wanted("distance"), &answers, |a| Some(a.distance)),
         gradient: each(wanted("gradient"), &answers, |a| Some(a.gradient.into())),
         sigma: each(wanted("sigma"), &answers, |a| Some(a.sigma)),
-        nearest: at(wanted("nearest"), points, |p| map.nearest(p).map(Into::into)),
+        nearest: match asked && vector {
+            true => each(wanted("nearest"), &answers, |a| a.nearest.map(Into::into)),
+            false => at(wanted("nearest"), points, |p| map.nearest(p).map(Into::into)),
+        },
         clearance: at(wanted("clearance"), points, |p| map.clearance(p)),
         observed: at(wanted("observed"), points, |p| map.observed(p)),
         gradient_covariance: each(wanted("gradient_covariance"), &answers, |a| a.slopes.map(|s| packed(s.gradient))),

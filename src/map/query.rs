@@ -18,6 +18,8 @@ pub struct Answer {
     pub gradient: Vec2,
     /// The standard deviation of the distance, metres.
     pub sigma: f64,
+    /// The surface point that the distance is measured from; of a signed distance see [`FittedMap::nearest`].
+    pub nearest: Option<Vec2>,
     /// Covariances of the gradient and with it, of a signed distance.
     pub slopes: Option<SlopeCovariance>,
     /// From the nearest surface point, with its covariance [xx, xy, yy]: of a vector field.
@@ -43,6 +45,7 @@ impl FittedMap {
                 distance: foot.distance,
                 gradient: foot.away,
                 sigma: foot.sigma,
+                nearest: Some(foot.point),
                 slopes: None,
                 vector,
             });
@@ -55,6 +58,7 @@ impl FittedMap {
             distance: dot(&row.value, &local.coefficients),
             gradient: Vec2::new(dot(&row.dx, &local.coefficients), dot(&row.dy, &local.coefficients)),
             sigma: dot(&row.value, &on_value).sqrt(),
+            nearest: None,
             slopes: Some(SlopeCovariance {
                 gradient: Cov2::new(dot(&row.dx, &on_x), xy, xy, dot(&row.dy, &on_y)),
                 with_distance: Vec2::new(dot(&row.dx, &on_value), dot(&row.dy, &on_value)),

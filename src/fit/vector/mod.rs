@@ -144,6 +144,8 @@ struct Gathered {
     surfels: Surfels,
     traced: Characteristics,
     seen_through: f64,
+    /// How often they had been gathered then.
+    round: usize,
 }
 
 impl Place<'_> {
@@ -164,7 +166,7 @@ impl Place<'_> {
         let stands = stands.ok_or(FitError::Cancelled)?;
         let kept = surfels.keep(&stands);
         let traced = Characteristics::trace(lattice, &surfels, near);
-        Ok(Gathered { e: e.to_vec(), surfels, traced, seen_through: 1.0 - kept })
+        Ok(Gathered { e: e.to_vec(), surfels, traced, seen_through: 1.0 - kept, round: 1 })
     }
 
     /// The objective of gathered surfels, linear around the pose unknowns `e`.
@@ -190,7 +192,8 @@ impl Place<'_> {
         let mut progress = Progress { max_iterations: rounds + 1, ..Progress::NONE };
         loop {
             observe(observer, &progress)?;
-            let gathered = self.gather(returns, &e, &mut || observer(&progress).is_continue())?;
+            let mut gathered = self.gather(returns, &e, &mut || observer(&progress).is_continue())?;
+            gathered.round = progress.iteration + 1;
             observe(observer, &progress)?;
             let objective = self.objective(&gathered, &e)?;
             let factor = Factor::factorise(&objective.system, cholesky)?;
@@ -232,7 +235,8 @@ impl Place<'_> {
         let (mut factor, mut steps) = (None, 0);
         loop {
             let (objective, minimum) = self.assembled(gathered, z)?;
-            let minimum = Minimum { iterations: steps, factorisations: usize::from(factor.is_some()), ..minimum };
+            let factorisations = gathered.round + usize::from(factor.is_some());
+            let minimum = Minimum { iterations: gathered.round + steps, factorisations, ..minimum };
             let progress = Progress { iteration: steps, max_iterations: MOST_STEPS, ..Progress::NONE };
             observe(
                 observer,
