@@ -100,3 +100,13 @@ fn rasterio_reads_the_rasters_and_a_query_says_the_same() {
         assert!(few["sigma"].is_null() && few["distance"][0].is_number());
     }
 }
+
+#[test]
+fn a_validator_accepts_the_openapi_document() {
+    let files = tempfile::tempdir().unwrap();
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 0);
+    let file = files.path().join("openapi.json");
+    std::fs::write(&file, server.get("/openapi.json").body).unwrap();
+    judge("openapi.py", &[file.to_str().unwrap()]);
+}

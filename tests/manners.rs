@@ -100,3 +100,23 @@ fn pages_have_a_policy_and_data_is_private() {
     }
     assert_eq!(std::fs::metadata(&data).unwrap().permissions().mode() & 0o077, 0);
 }
+
+/// Sixty bodies of a few kilobytes that unpack to 64 MiB each, at once.
+#[test]
+fn packed_bodies_are_unpacked_a_few_at_a_time() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 0);
+    let mut body = small(1).to_string().into_bytes();
+    body.resize((64 << 20) - 1, b' ');
+    let bomb = zstd::encode_all(&body[..], 3).unwrap();
+    assert!(bomb.len() < 100_000);
+    let headers = [("content-type", "application/json"), ("content-encoding", "zstd")];
+    std::thread::scope(|scope| {
+        let all: Vec<_> =
+            (0..60).map(|_| scope.spawn(|| server.send("POST", "/v1/jobs", &headers, Some(&bomb)).status)).collect();
+        assert!(all.into_iter().all(|one| one.join().unwrap() == 202));
+    });
+    let peak = server.peak_memory() >> 20;
+    println!("peak memory {peak} MiB");
+    assert!(peak < 700, "{peak} MiB");
+}

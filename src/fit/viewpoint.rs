@@ -78,7 +78,7 @@ pub(super) fn corrected(scans: &[LaserScan], viewpoints: &[Viewpoint], e: &[f64]
         .collect()
 }
 
-/// The pose unknowns for poses: what [`corrected`] makes of them again.
+/// The pose unknowns for poses: those from which a fit makes the same poses again.
 pub fn pose_unknowns(scans: &[LaserScan], noise: &Noise, poses: &[Pose]) -> Result<Vec<f64>, FitError> {
     let viewpoints = viewpoints(scans, noise, 0.0)?;
     let own = |((scan, pose), viewpoint): ((&LaserScan, &Pose), &Viewpoint)| {

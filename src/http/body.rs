@@ -27,43 +27,47 @@ enum Encoding {
     Zstd,
 }
 
-impl Service {
-    /// A JSON body's bytes, decompressed.
-    pub async fn read_json(&self, headers: &HeaderMap, body: Body) -> Result<Bytes, Problem> {
-        self.read_body(headers, body, &[JSON.media]).await.map(|(bytes, _)| bytes)
-    }
+/// A body as it came: still packed, so that what waits to be worked on is small.
+pub struct Received {
+    raw: Bytes,
+    encoding: Encoding,
+    limit: usize,
+    /// Which of the known media types it has.
+    pub media: &'static str,
+}
 
-    /// The bytes of a body of one of these media types, decompressed, and which of them it is.
+impl Received {
+    /// The bytes, decompressed. For the threads that compute: one body a permit is unpacked at a time.
+    pub fn unpack(self) -> Result<Bytes, Problem> {
+        let Self { raw, encoding, limit, .. } = self;
+        match encoding {
+            Encoding::Identity => Ok(raw),
+            Encoding::Gzip => unpack(flate2::read::MultiGzDecoder::new(&raw[..]), limit),
+            Encoding::Zstd => unpack(zstd::Decoder::new(&raw[..]).map_err(|error| unreadable(&error))?, limit),
+        }
+    }
+}
+
+impl Service {
+    /// A body of one of these media types.
     pub async fn read_body(
         &self,
         headers: &HeaderMap,
         mut body: Body,
         known: &[&'static str],
-    ) -> Result<(Bytes, &'static str), Problem> {
+    ) -> Result<Received, Problem> {
         let limit = self.body_limit;
         let length = if announced(headers) > limit as u64 { Err(too_large(limit)) } else { Ok(()) };
         let checked = length.and_then(|()| Ok((media_type(headers, known)?, encoding(headers)?)));
         let (media, encoding) = checked.inspect_err(|_| self.discard(std::mem::take(&mut body)))?;
-        let received = receive(body, limit).await?;
-        let unpacked = self.unpack(received, encoding, limit).await?;
-        Ok((unpacked, media))
+        let raw = receive(body, limit).await?;
+        Ok(Received { raw, encoding, limit, media })
     }
 
     /// Throws away a body that will not be read: the answer goes out at once, and the client, which may still be sending,
     /// sees it.
     pub fn discard(&self, body: Body) {
         tokio::spawn(receive(body, self.body_limit));
-    }
-
-    async fn unpack(&self, raw: Bytes, encoding: Encoding, limit: usize) -> Result<Bytes, Problem> {
-        match encoding {
-            Encoding::Identity => Ok(raw),
-            Encoding::Gzip => self.compute(move || unpack(flate2::read::MultiGzDecoder::new(&raw[..]), limit)).await,
-            Encoding::Zstd => {
-                let decoder = move || unpack(zstd::Decoder::new(&raw[..]).map_err(|e| unreadable(&e))?, limit);
-                self.compute(decoder).await
-            }
-        }
     }
 }
 

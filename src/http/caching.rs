@@ -1,5 +1,6 @@
 //! Fitted maps never change: strong ETags for clients, a few loaded maps kept in memory for ourselves.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use axum::body::Body;
@@ -20,13 +21,42 @@ const KEPT: usize = 8;
 /// The maps used last, and a bound on how many requests compute at once.
 pub struct MapCache {
     kept: Mutex<Vec<(String, Arc<FittedMap>)>>,
-    computing: Semaphore,
+    requests: Arc<Semaphore>,
+    answers: Arc<Semaphore>,
+}
+
+/// Which work waits for which: a submission never waits for a map's answers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Queue {
+    /// Requests being read: short.
+    Requests,
+    /// Answers made from maps' arrays.
+    Answers,
 }
 
 impl Default for MapCache {
     fn default() -> Self {
         let cores = std::thread::available_parallelism().map_or(2, |n| n.get());
-        Self { kept: Mutex::default(), computing: Semaphore::new(cores) }
+        let permits = || Arc::new(Semaphore::new(cores));
+        Self { kept: Mutex::default(), requests: permits(), answers: permits() }
+    }
+}
+
+/// Lives as long as a request's client waits; work that is done for it asks whether it still does.
+#[derive(Debug, Default)]
+pub struct Waiting(Arc<AtomicBool>);
+
+impl Waiting {
+    /// Asks, from wherever the work runs.
+    pub fn asker(&self) -> impl Fn() -> bool + Send + 'static {
+        let left = self.0.clone();
+        move || !left.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for Waiting {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
     }
 }
 
@@ -49,7 +79,7 @@ impl Service {
             }
         }
         let bytes = self.workshop.artifacts.get(&record.prefix, "map.npz").await?;
-        let map = self.compute(move || Ok(Arc::new(FittedMap::from_npz(&bytes)?))).await?;
+        let map = self.compute(Queue::Answers, move || Ok(Arc::new(FittedMap::from_npz(&bytes)?))).await?;
         let mut kept = self.maps.kept.lock().unwrap_or_else(PoisonError::into_inner);
         kept.retain(|(id, _)| *id != record.id);
         if kept.len() >= KEPT {
@@ -67,10 +97,20 @@ impl Service {
     /// Runs work that takes milliseconds or more off the threads that answer, a bounded number at a time.
     pub async fn compute<T: Send + 'static>(
         &self,
+        queue: Queue,
         work: impl FnOnce() -> Result<T, Problem> + Send + 'static,
     ) -> Result<T, Problem> {
-        // The semaphore is never closed, so a permit always comes.
-        let _permit = self.maps.computing.acquire().await.ok();
+        let permits = match queue {
+            Queue::Requests => &self.maps.requests,
+            Queue::Answers => &self.maps.answers,
+        };
+        // The semaphores are never closed, so a permit always comes. It goes with the work, not with the client: one that
+        // leaves does not make room for another while its work still runs.
+        let permit = permits.clone().acquire_owned().await.ok();
+        let work = move || {
+            let _permit = permit;
+            work()
+        };
         tokio::task::spawn_blocking(work).await?
     }
 }

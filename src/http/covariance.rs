@@ -7,6 +7,7 @@ use axum::response::Response;
 use serde_json::json;
 
 use super::TENANT;
+use super::caching::{Queue, Waiting};
 use super::maps::{lattice_json, to_json};
 use super::negotiate::{Format, JSON, NPZ};
 use super::params::Params;
@@ -45,7 +46,7 @@ struct Window {
 }
 
 /// The covariance of a map's coefficients.
-#[utoipa::path(get, path = "/v1/maps/{id}/covariance", tag = "maps",
+#[utoipa::path(get, operation_id = "get_map_covariance", path = "/v1/maps/{id}/covariance", tag = "maps",
     params(("id" = String, Path),
         ("kind" = Option<String>, Query, description = "propagated (default) or posterior"),
         ("form" = Option<String>, Query, description = "diagonal (default), block, sparse, full or factors"),
@@ -58,7 +59,7 @@ struct Window {
             or Hessian and inputs in CSC parts (factors)",
             content((super::openapi::DiagonalBody = "application/json"), (Vec<u8> = "application/x-npz"))),
         (status = 304, description = "unchanged"),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn covariance(mut request: MapRequest) -> Result<Response, Problem> {
     let (lattice, params) = (&request.record.lattice, &mut request.params);
     let kind = params.choice("kind", &KINDS);
@@ -96,6 +97,8 @@ pub async fn covariance(mut request: MapRequest) -> Result<Response, Problem> {
         packed.ok_or_else(|| Problem::not_found("the map's job is gone, and with it what this is formed from"))?;
     let map = wanted.state.load(&wanted.record).await?;
     let limits = wanted.state.workshop.limits;
+    let waiting = Waiting::default();
+    let go_on = waiting.asker();
     let make = move || {
         let json = zstd::decode_all(&packed[..]).map_err(|error| Problem::internal(&error))?;
         let request = JobRequest::parse(&json, &limits).map_err(|error| Problem::internal(&error))?;
@@ -103,9 +106,10 @@ pub async fn covariance(mut request: MapRequest) -> Result<Response, Problem> {
         if form == Form::Factors {
             return Ok(factors_npz(&factors)?);
         }
-        dense(&factors, &map, kind, &points, window, format)
+        dense(&factors, &map, (kind, &go_on), &points, window, format)
     };
-    let body = wanted.state.compute(make).await?;
+    let body = wanted.state.compute(Queue::Answers, make).await?;
+    drop(waiting);
     Ok(wanted.respond(body))
 }
 
@@ -152,13 +156,13 @@ fn diagonal(map: &FittedMap, kind: Kind, format: Format) -> Result<Vec<u8>, Prob
 fn dense(
     factors: &Factors,
     map: &FittedMap,
-    kind: Kind,
+    (kind, go_on): (Kind, &dyn Fn() -> bool),
     points: &[usize],
     window: Option<Window>,
     format: Format,
 ) -> Result<Vec<u8>, Problem> {
     let n = points.len();
-    let mut matrix = factors.block(kind, points, &|| true)?;
+    let mut matrix = factors.block(kind, points, go_on)?;
     let stencil = map.field.stencil();
     let unused = |k: usize| !stencil.is_active(points[k] % stencil.dimension());
     (0..n * n).filter(|k| unused(k / n) || unused(k % n)).for_each(|k| matrix[k] = f64::NAN);

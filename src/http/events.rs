@@ -21,12 +21,12 @@ use crate::jobs::Job;
 pub(crate) const POLL: Duration = Duration::from_millis(150);
 
 /// Follow a job.
-#[utoipa::path(get, path = "/v1/jobs/{id}/events", tag = "jobs",
+#[utoipa::path(get, operation_id = "get_job_events", path = "/v1/jobs/{id}/events", tag = "jobs",
     params(("id" = String, Path), ("Last-Event-ID" = Option<String>, Header, description = "resume behind this event")),
     responses((status = 200, body = String, content_type = "text/event-stream",
             description = "`progress` events, each with the job's progress, and last one `status` event with the job"),
         (status = 204, description = "the job has ended and its last event was seen"),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn events(
     State(state): State<AppState>,
     Path(id): Path<String>,

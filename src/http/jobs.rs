@@ -12,6 +12,8 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 use utoipa::ToSchema;
 
+use super::caching::Queue;
+use super::negotiate::JSON;
 use super::params::{Params, to_cursor};
 use super::problem::Problem;
 use super::{AppState, TENANT};
@@ -101,19 +103,19 @@ pub(crate) fn page<S, T: ToSchema + From<S>>(mut rows: Vec<S>, limit: i64, id: i
 ///
 /// The job is durable before the answer is sent. With `Idempotency-Key`, a repeat of the same body returns the first
 /// job.
-#[utoipa::path(post, path = "/v1/jobs", tag = "jobs",
+#[utoipa::path(post, operation_id = "submit_job", path = "/v1/jobs", tag = "jobs",
     params(("Idempotency-Key" = Option<String>, Header, description = "makes a repeat of the same body return the first job")),
     request_body(content = super::openapi::JobRequestBody, description = "scans, their noise, and the map to fit; may be gzip or zstd"),
     responses(
         (status = 202, body = JobBody, description = "accepted", headers(("location" = String))),
         (status = 200, body = JobBody, description = "this key and body were accepted before"),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json"),
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json"),
     ))]
 pub async fn submit(State(state): State<AppState>, headers: HeaderMap, body: Body) -> Result<Response, Problem> {
-    let bytes = state.read_json(&headers, body).await?;
+    let received = state.read_body(&headers, body, &[JSON.media]).await?;
     let key = idempotency_key(&headers)?;
     let limits = state.workshop.limits;
-    let new = state.compute(move || prepare(&bytes, key, &limits)).await?;
+    let new = state.compute(Queue::Requests, move || prepare(&received.unpack()?, key, &limits)).await?;
     let (status, job) = match state.workshop.records.submit(new).await? {
         Submission::Accepted(job) => (StatusCode::ACCEPTED, job),
         Submission::Repeated(job) => (StatusCode::OK, job),
@@ -166,14 +168,14 @@ fn prepare(json: &[u8], key: Option<String>, limits: &crate::jobs::Limits) -> Re
 }
 
 /// List jobs, newest first.
-#[utoipa::path(get, path = "/v1/jobs", tag = "jobs",
+#[utoipa::path(get, operation_id = "list_jobs", path = "/v1/jobs", tag = "jobs",
     params(
         ("status" = Option<JobStatus>, Query, description = "jobs in this state alone"),
         ("label" = Option<String>, Query, description = "key:value; may be repeated, all must match"),
         ("limit" = Option<u32>, Query, minimum = 1, maximum = 1000), ("cursor" = Option<String>, Query),
     ),
-    responses((status = 200, body = Page<JobBody>),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+    responses((status = 200, description = "a page of jobs", body = Page<JobBody>),
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn list(State(state): State<AppState>, uri: Uri) -> Result<Json<Page<JobBody>>, Problem> {
     let mut params = Params::of(&uri);
     let (limit, before) = params.page();
@@ -191,10 +193,10 @@ pub async fn list(State(state): State<AppState>, uri: Uri) -> Result<Json<Page<J
 }
 
 /// A job's state; with `wait`, answers when the job has ended or after that many seconds.
-#[utoipa::path(get, path = "/v1/jobs/{id}", tag = "jobs",
+#[utoipa::path(get, operation_id = "get_job", path = "/v1/jobs/{id}", tag = "jobs",
     params(("id" = String, Path), ("wait" = Option<f64>, Query, minimum = 0, maximum = 60, description = "seconds")),
-    responses((status = 200, body = JobBody),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+    responses((status = 200, description = "the job", body = JobBody),
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn get(State(state): State<AppState>, Path(id): Path<String>, uri: Uri) -> Result<Json<JobBody>, Problem> {
     let mut params = Params::of(&uri);
     let wait = params.number("wait", 0.0, 60.0).unwrap_or(0.0);
@@ -216,14 +218,14 @@ pub(crate) async fn find(state: &AppState, id: &str) -> Result<Job, Problem> {
 }
 
 /// The accepted request, whole.
-#[utoipa::path(get, path = "/v1/jobs/{id}/request", tag = "jobs", params(("id" = String, Path)),
-    responses((status = 200, body = super::openapi::JobRequestBody),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+#[utoipa::path(get, operation_id = "get_job_request", path = "/v1/jobs/{id}/request", tag = "jobs", params(("id" = String, Path)),
+    responses((status = 200, description = "the request as it was accepted", body = super::openapi::JobRequestBody),
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn request(State(state): State<AppState>, Path(id): Path<String>) -> Result<Response, Problem> {
     let compressed = state.workshop.records.request(TENANT, &id).await?;
     let compressed = compressed.ok_or_else(|| Problem::not_found(format!("there is no job {id}")))?;
     let json = state
-        .compute(move || {
+        .compute(Queue::Requests, move || {
             zstd::decode_all(&compressed[..]).map_err(|error| {
                 tracing::error!(%error, "a stored request is damaged");
                 Problem::of_status(StatusCode::INTERNAL_SERVER_ERROR)
@@ -234,10 +236,10 @@ pub async fn request(State(state): State<AppState>, Path(id): Path<String>) -> R
 }
 
 /// Cancel a job that has not ended; a running fit stops within one step.
-#[utoipa::path(delete, path = "/v1/jobs/{id}", tag = "jobs", params(("id" = String, Path)),
+#[utoipa::path(delete, operation_id = "cancel_job", path = "/v1/jobs/{id}", tag = "jobs", params(("id" = String, Path)),
     responses((status = 200, body = JobBody, description = "dismissed"),
         (status = 409, body = super::openapi::ProblemBody, content_type = "application/problem+json", description = "it has ended"),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn cancel(State(state): State<AppState>, Path(id): Path<String>) -> Result<Json<JobBody>, Problem> {
     match state.workshop.records.cancel(TENANT, &id).await? {
         Cancellation::Dismissed(job) => {

@@ -92,14 +92,14 @@ pub fn lattice_json(lattice: &Lattice) -> Value {
 }
 
 /// List maps, newest first.
-#[utoipa::path(get, path = "/v1/maps", tag = "maps",
+#[utoipa::path(get, operation_id = "list_maps", path = "/v1/maps", tag = "maps",
     params(
         ("label" = Option<String>, Query, description = "key:value; may be repeated, all must match"),
         ("bbox" = Option<String>, Query, description = "minx,miny,maxx,maxy; maps that touch it"),
         ("limit" = Option<u32>, Query, minimum = 1, maximum = 1000), ("cursor" = Option<String>, Query),
     ),
-    responses((status = 200, body = Page<MapBody>),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+    responses((status = 200, description = "a page of maps", body = Page<MapBody>),
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn list(State(state): State<AppState>, uri: Uri) -> Result<Json<Page<MapBody>>, Problem> {
     let mut params = Params::of(&uri);
     let (limit, before) = params.page();
@@ -122,9 +122,9 @@ fn parse_bbox(text: &str) -> Option<[f64; 4]> {
 }
 
 /// A map's record.
-#[utoipa::path(get, path = "/v1/maps/{id}", tag = "maps", params(("id" = String, Path)),
-    responses((status = 200, body = MapBody), (status = 304, description = "unchanged"),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+#[utoipa::path(get, operation_id = "get_map", path = "/v1/maps/{id}", tag = "maps", params(("id" = String, Path)),
+    responses((status = 200, description = "the map", body = MapBody), (status = 304, description = "unchanged"),
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn get(request: MapRequest) -> Result<Response, Problem> {
     Ok(match request.settle(&[JSON])? {
         Settled::Unchanged(response) => response,
@@ -136,9 +136,9 @@ pub async fn get(request: MapRequest) -> Result<Response, Problem> {
 }
 
 /// Delete a map and its arrays. Its job stays.
-#[utoipa::path(delete, path = "/v1/maps/{id}", tag = "maps", params(("id" = String, Path)),
+#[utoipa::path(delete, operation_id = "delete_map", path = "/v1/maps/{id}", tag = "maps", params(("id" = String, Path)),
     responses((status = 204, description = "deleted"),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn delete(State(state): State<AppState>, Path(id): Path<String>) -> Result<Response, Problem> {
     let Some(record) = state.workshop.records.delete_map(TENANT, &id).await? else {
         return Err(Problem::not_found(format!("there is no map {id}")));
@@ -152,13 +152,13 @@ pub async fn delete(State(state): State<AppState>, Path(id): Path<String>) -> Re
 }
 
 /// A map's coefficients, x fastest.
-#[utoipa::path(get, path = "/v1/maps/{id}/coefficients", tag = "maps",
+#[utoipa::path(get, operation_id = "get_map_coefficients", path = "/v1/maps/{id}/coefficients", tag = "maps",
     params(("id" = String, Path), ("format" = Option<String>, Query, description = "json or npz")),
     responses((status = 200, description = "`{lattice, sdf}` or `{lattice, vdf_x, vdf_y}`; or npz with those of shape (ny+3, nx+3), \
             `origin`, `resolution`. Null (NaN) where a control point is not in use",
             content((super::openapi::CoefficientsBody = "application/json"), (Vec<u8> = "application/x-npz"))),
         (status = 304, description = "unchanged"),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn coefficients(request: MapRequest) -> Result<Response, Problem> {
     let make = |map: &FittedMap, _: &MapRecord, format| {
         let (lattice, arrays) = (map.lattice(), map.field.coefficients());
@@ -173,9 +173,9 @@ pub async fn coefficients(request: MapRequest) -> Result<Response, Problem> {
 }
 
 /// The poses as the fit leaves them: refined with their covariances, or as reported.
-#[utoipa::path(get, path = "/v1/maps/{id}/poses", tag = "maps", params(("id" = String, Path)),
-    responses((status = 200, body = super::openapi::PosesBody), (status = 304, description = "unchanged"),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+#[utoipa::path(get, operation_id = "get_map_poses", path = "/v1/maps/{id}/poses", tag = "maps", params(("id" = String, Path)),
+    responses((status = 200, description = "the poses", body = super::openapi::PosesBody), (status = 304, description = "unchanged"),
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn poses(request: MapRequest) -> Result<Response, Problem> {
     let row_major =
         |all: &[Cov3], scan: usize| all.get(scan).map(|c| c.transpose().iter().copied().collect::<Vec<f64>>());

@@ -163,8 +163,8 @@ pub struct FitBody {
 #[allow(dead_code)]
 pub struct CoefficientsBody {
     lattice: LatticeBody,
-    /// Of a signed map.
-    sdf: Option<Vec<f64>>,
+    /// Of a signed map; null where a control point is not in use.
+    sdf: Option<Vec<Option<f64>>>,
     /// Of a vector map; null where a control point is not in use.
     vdf_x: Option<Vec<Option<f64>>>,
     vdf_y: Option<Vec<Option<f64>>>,
@@ -177,8 +177,8 @@ pub struct CoefficientsBody {
 pub struct DiagonalBody {
     kind: String,
     lattice: LatticeBody,
-    /// Of a signed map.
-    sdf: Option<Vec<f64>>,
+    /// Of a signed map; null where a control point is not in use.
+    sdf: Option<Vec<Option<f64>>>,
     /// Of a vector map; null where a control point is not in use.
     vdf_x: Option<Vec<Option<f64>>>,
     vdf_y: Option<Vec<Option<f64>>>,

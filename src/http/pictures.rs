@@ -25,17 +25,17 @@ const WIDTHS: (usize, usize) = (200, 4096);
 const DEFAULT_WIDTH: usize = 900;
 
 /// A level line of the distance, and the band it lies in.
-#[utoipa::path(get, path = "/v1/maps/{id}/contours", tag = "maps",
+#[utoipa::path(get, operation_id = "get_map_contours", path = "/v1/maps/{id}/contours", tag = "maps",
     params(("id" = String, Path),
         ("level" = Option<f64>, Query, description = "metres; 0 by default: the walls"),
         ("sigma_band" = Option<f64>, Query, description = "adds the band of that many standard deviations"),
         ("kind" = Option<String>, Query, description = "propagated (default) or posterior"),
-        ("width" = Option<u32>, Query, description = "pixels, for svg and png"),
+        ("width" = Option<u32>, Query, minimum = 200, maximum = 4096, description = "pixels, for svg and png"),
         ("format" = Option<String>, Query, description = "geojson, svg or png")),
     responses((status = 200, description = "features with `properties.role` level and band, in metres of the map's frame",
             content((Object = "application/geo+json"), (String = "image/svg+xml"), (Vec<u8> = "image/png"))),
         (status = 304, description = "unchanged"),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn contours(mut request: MapRequest) -> Result<Response, Problem> {
     let params = &mut request.params;
     let level = params.number("level", -FARTHEST_LEVEL, FARTHEST_LEVEL).unwrap_or(0.0);
@@ -55,7 +55,7 @@ pub async fn contours(mut request: MapRequest) -> Result<Response, Problem> {
 }
 
 /// The occupancy grid map.
-#[utoipa::path(get, path = "/v1/maps/{id}/ogm", tag = "maps",
+#[utoipa::path(get, operation_id = "get_map_ogm", path = "/v1/maps/{id}/ogm", tag = "maps",
     params(("id" = String, Path),
         ("resolution" = Option<f64>, Query, description = "metres a cell; the lattice's by default"),
         ("kind" = Option<String>, Query, description = "propagated (default) or posterior"),
@@ -63,7 +63,7 @@ pub async fn contours(mut request: MapRequest) -> Result<Response, Problem> {
     responses((status = 200, description = "the fields of nav_msgs/OccupancyGrid; an image; or what Nav2's map_server loads",
             content((Object = "application/json"), (Vec<u8> = "image/png"), (Vec<u8> = "application/zip"))),
         (status = 304, description = "unchanged"),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn ogm(mut request: MapRequest) -> Result<Response, Problem> {
     let (lattice, params) = (&request.record.lattice, &mut request.params);
     let resolution = params.number("resolution", 1e-4, 1e4).unwrap_or(lattice.resolution);
@@ -84,7 +84,7 @@ pub async fn ogm(mut request: MapRequest) -> Result<Response, Problem> {
 }
 
 /// Rasters for planners: distance, sigma and clearance at cell centres, NaN where nothing was observed.
-#[utoipa::path(get, path = "/v1/maps/{id}/grid", tag = "maps",
+#[utoipa::path(get, operation_id = "get_map_grid", path = "/v1/maps/{id}/grid", tag = "maps",
     params(("id" = String, Path),
         ("layers" = Option<String>, Query, description = "distance, sigma, clearance; comma-separated, all by default"),
         ("resolution" = Option<f64>, Query, description = "metres a cell; the lattice's by default"),
@@ -94,7 +94,7 @@ pub async fn ogm(mut request: MapRequest) -> Result<Response, Problem> {
             and `resolution`; or a GeoTIFF with a band a layer and the same corner",
             content((Vec<u8> = "application/x-npz"), (Vec<u8> = "image/tiff"))),
         (status = 304, description = "unchanged"),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn grid(mut request: MapRequest) -> Result<Response, Problem> {
     let (lattice, params) = (&request.record.lattice, &mut request.params);
     let resolution = params.number("resolution", 1e-4, 1e4).unwrap_or(lattice.resolution);
@@ -143,16 +143,16 @@ fn occupancy_json(grid: &OccupancyGrid, record: &MapRecord) -> Value {
 }
 
 /// A picture with axes in metres and a colour bar.
-#[utoipa::path(get, path = "/v1/maps/{id}/image", tag = "maps",
+#[utoipa::path(get, operation_id = "get_map_image", path = "/v1/maps/{id}/image", tag = "maps",
     params(("id" = String, Path),
         ("layer" = Option<String>, Query, description = "distance (default), sigma or occupancy"),
         ("overlay" = Option<String>, Query, description = "contour, points, poses; comma-separated"),
         ("kind" = Option<String>, Query, description = "propagated (default) or posterior"),
         ("width" = Option<u32>, Query, minimum = 200, maximum = 4096, description = "pixels"),
         ("format" = Option<String>, Query, description = "png or svg")),
-    responses((status = 200, content((Vec<u8> = "image/png"), (String = "image/svg+xml"))),
+    responses((status = 200, description = "the picture", content((Vec<u8> = "image/png"), (String = "image/svg+xml"))),
         (status = 304, description = "unchanged"),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn image(mut request: MapRequest) -> Result<Response, Problem> {
     let params = &mut request.params;
     let layers = [("distance", Layer::Distance), ("sigma", Layer::Sigma), ("occupancy", Layer::Occupancy)];

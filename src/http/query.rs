@@ -8,6 +8,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::AppState;
+use super::caching::Queue;
 use super::covariance::KINDS;
 use super::maps::to_json;
 use super::negotiate::{JSON, NPY, NPZ, negotiate};
@@ -101,14 +102,14 @@ struct Question {
 }
 
 /// Ask a map about points.
-#[utoipa::path(post, path = "/v1/maps/{id}/query", tag = "maps", params(("id" = String, Path),
+#[utoipa::path(post, operation_id = "query_map", path = "/v1/maps/{id}/query", tag = "maps", params(("id" = String, Path),
         ("kind" = Option<String>, Query, description = "npy bodies: propagated (default) or posterior"),
         ("fields" = Option<String>, Query, description = "npy bodies: comma-separated; all by default"),
         ("format" = Option<String>, Query, description = "json or npz")),
     request_body(content((QueryBody = "application/json"), (Vec<u8> = "application/x-npy"))),
     responses((status = 200, description = "arrays in the points' order; npz has NaN for null",
             content((QueryAnswer = "application/json"), (Vec<u8> = "application/x-npz"))),
-        (status = "4XX", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn query(
     State(state): State<AppState>,
     Path(id): Path<String>,
@@ -123,7 +124,7 @@ pub async fn query(
             return Err(problem);
         }
     };
-    let (bytes, media) = state.read_body(&headers, body, &[JSON.media, NPY]).await?;
+    let received = state.read_body(&headers, body, &[JSON.media, NPY]).await?;
     let mut params = Params::of(&uri);
     let format = negotiate(&headers, &mut params, &[JSON, NPZ])?;
     let kind = params.choice("kind", &KINDS);
@@ -135,10 +136,10 @@ pub async fn query(
     let fields = fields.and_then(Result::ok).unwrap_or([true; FIELDS.len()]);
     let map = state.load(&record).await?;
     let answer = state
-        .compute(move || {
-            let question = match media {
-                NPY => Question { points: points_of_npy(&bytes)?, kind, fields },
-                _ => parse(&bytes)?,
+        .compute(Queue::Answers, move || {
+            let question = match received.media {
+                NPY => Question { points: points_of_npy(&received.unpack()?)?, kind, fields },
+                _ => parse(&received.unpack()?)?,
             };
             let answer = answer(&map, &question);
             if format == NPZ { Ok(answer_npz(&answer)?) } else { to_json(&answer) }

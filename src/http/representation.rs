@@ -12,7 +12,7 @@ use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 
 use super::AppState;
-use super::caching::Tag;
+use super::caching::{Queue, Tag};
 use super::negotiate::{Format, negotiate};
 use super::params::Params;
 use super::problem::Problem;
@@ -93,7 +93,7 @@ impl Wanted {
     ) -> Result<Response, Problem> {
         let map: Arc<FittedMap> = self.state.load(&self.record).await?;
         let Self { state, record, format, tag } = self;
-        let body = state.compute(move || make(&map, &record, format)).await?;
+        let body = state.compute(Queue::Answers, move || make(&map, &record, format)).await?;
         Ok(tag.respond(format, body))
     }
 

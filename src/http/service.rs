@@ -12,7 +12,7 @@ use super::openapi::document;
 use super::problem::Problem;
 
 /// The machine-readable contract.
-#[utoipa::path(get, path = "/openapi.json", tag = "service", responses((status = 200, body = Object)))]
+#[utoipa::path(get, operation_id = "get_openapi", path = "/openapi.json", tag = "service", responses((status = 200, description = "it answers", body = Object)))]
 pub async fn openapi() -> Response {
     match document().to_pretty_json() {
         Ok(text) => ([(header::CONTENT_TYPE, "application/json")], text).into_response(),
@@ -24,14 +24,14 @@ pub async fn openapi() -> Response {
 }
 
 /// Whether the process answers.
-#[utoipa::path(get, path = "/livez", tag = "service", responses((status = 200, body = Object)))]
+#[utoipa::path(get, operation_id = "get_livez", path = "/livez", tag = "service", responses((status = 200, description = "it answers", body = Object)))]
 pub async fn livez() -> impl IntoResponse {
     Json(json!({"status": "ok"}))
 }
 
 /// Whether it can take work: the database answers, and no shutdown is under way.
-#[utoipa::path(get, path = "/readyz", tag = "service",
-    responses((status = 200, body = Object), (status = 503, body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
+#[utoipa::path(get, operation_id = "get_readyz", path = "/readyz", tag = "service",
+    responses((status = 200, description = "it takes work", body = Object), (status = 503, description = "it does not, and why", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
 pub async fn readyz(State(state): State<AppState>) -> Result<Response, Problem> {
     if state.workshop.is_draining() {
         let detail = "the service is shutting down".into();

@@ -44,7 +44,7 @@ pub struct Sightings {
     pub viewpoints: Vec<Viewpoint>,
     pub weighing: Weighing,
     pub refined: bool,
-    /// `U` of [`super::gauge`]; without columns where poses are fixed.
+    /// `U`, the directions the gauge holds (see `fit::gauge`); without columns where poses are fixed.
     pub gauge: Mat<f64>,
     reported: Placed,
 }
