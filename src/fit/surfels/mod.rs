@@ -196,7 +196,7 @@ impl Witness {
     fn of(group: &Group, anchor: Vec2, normal: Vec2, viewpoints: &[Viewpoint]) -> Self {
         let viewpoint = &viewpoints[group.scan];
         let by_pose = by_pose(viewpoint, normal, group.mean - viewpoint.position);
-        let range_variance = viewpoint.noise.range_variance * normal.dot(&(group.along * normal)) / group.count;
+        let range_variance = viewpoint.noise.range_variance * mean_square(&group.along, normal) / group.count;
         let own = if viewpoint.noise.pose.is_some() { by_pose.norm_squared() } else { 0.0 };
         let weight = 1.0 / (range_variance + own + viewpoint.noise.model_variance).max(LEAST_VARIANCE);
         Self {
@@ -209,6 +209,12 @@ impl Witness {
             gathered: group.mean,
         }
     }
+}
+
+/// The mean square of what beams have along a normal, of `along`, the mean of their directions' outer products. Beams that
+/// run beside a surface have nothing, which rounding makes a little less than nothing, and a root of that no number.
+fn mean_square(along: &Cov2, normal: Vec2) -> f64 {
+    normal.dot(&(along * normal)).max(0.0)
 }
 
 /// How a place at `arm` from its scanner moves along a normal with its pose's unknowns.
@@ -366,6 +372,16 @@ mod tests {
         let mut tilt: Vec<f64> = tilt.collect();
         tilt.sort_by(f64::total_cmp);
         assert!(tilt[tilt.len() / 20] > 0.99, "the worst twentieth: {}", tilt[tilt.len() / 20]);
+    }
+
+    #[test]
+    fn beams_that_run_beside_a_surface_have_a_range_variance_with_a_root() {
+        for k in 0..10_000 {
+            let (sin, cos) = (f64::from(k) * 1e-3).sin_cos();
+            let direction = Vec2::new(cos, sin);
+            let along = mean_square(&(direction * direction.transpose()), turned(direction));
+            assert!((0.0..1e-15).contains(&along), "{along} at {k}");
+        }
     }
 
     #[test]
