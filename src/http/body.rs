@@ -1,8 +1,8 @@
 //! Request bodies: JSON, as it is or compressed, whole and within the limit.
 //!
 //! What can be refused by its headers is, at once; the body is thrown away meanwhile, for a bounded while: a server that
-//! answers and hangs up while a client still sends makes the client see a broken connection instead of the answer. Decompression stops where its output outgrows the limit, so a bomb
-//! costs no more than an honest body.
+//! answers and hangs up while a client still sends makes the client see a broken connection instead of the answer.
+//! Decompression stops where its output outgrows the limit, so a bomb costs no more than an honest body.
 
 use std::io::Read;
 use std::time::Duration;

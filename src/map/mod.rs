@@ -1,8 +1,8 @@
 //! A fitted map: the surface, its uncertainty, where there is evidence; questions about it, and its files.
 //!
-//! [`FittedMap`] is made from an [`Estimate`] once; from then on it never changes. [`Survey`] is the way from scans to it. Its [`Field`] is a
-//! signed or a vector distance, its [`Surfaces`] are where that vanishes; `query` answers what lies at a point. [`npz`] is how arrays become files that numpy
-//! opens; `archive` is a map as such files.
+//! [`FittedMap`] is made from an [`Estimate`] once; from then on it never changes. [`Survey`] is the way from scans to
+//! it. Its [`Field`] is a signed or a vector distance, its [`Surfaces`] are where that vanishes; `query` answers what
+//! lies at a point. [`npz`] is how arrays become files that numpy opens; `archive` is a map as such files.
 
 mod archive;
 mod clearance;

@@ -33,14 +33,6 @@ impl RasterLayer {
             Self::Clearance => "clearance",
         }
     }
-
-    fn at(self, map: &FittedMap, p: Vec2, kind: Kind) -> Option<f64> {
-        match self {
-            Self::Distance => map.distance(p, kind).map(|(distance, _)| distance),
-            Self::Sigma => map.distance(p, kind).map(|(_, sigma)| sigma),
-            Self::Clearance => map.clearance(p),
-        }
-    }
 }
 
 /// Layers over a map, row-major from the lower left.
@@ -64,12 +56,21 @@ impl Rasters {
             let at = |n: usize, axis: usize| origin[axis] + (n as f64 + 0.5) * resolution;
             Vec2::new(at(k % width, 0), at(k / width, 1))
         };
-        let value = |layer: RasterLayer, p: Vec2| {
-            let seen = map.observed(p) == Some(true);
-            if seen { layer.at(map, p, kind).map_or(f32::NAN, |value| value as f32) } else { f32::NAN }
-        };
-        let raster = |&layer: &RasterLayer| (layer, (0..width * height).map(|k| value(layer, center(k))).collect());
-        Self { resolution, origin, width, height, layers: layers.iter().map(raster).collect() }
+        let mut layers: Vec<(RasterLayer, Vec<f32>)> =
+            layers.iter().map(|layer| (*layer, vec![f32::NAN; width * height])).collect();
+        let measured = layers.iter().any(|(layer, _)| *layer != RasterLayer::Clearance);
+        for (k, p) in (0..width * height).map(|k| (k, center(k))).filter(|(_, p)| map.observed(*p) == Some(true)) {
+            let distance = if measured { map.distance(p, kind) } else { None };
+            for (layer, values) in &mut layers {
+                let value = match layer {
+                    RasterLayer::Distance => distance.map(|(distance, _)| distance),
+                    RasterLayer::Sigma => distance.map(|(_, sigma)| sigma),
+                    RasterLayer::Clearance => map.clearance(p),
+                };
+                values[k] = value.map_or(f32::NAN, |value| value as f32);
+            }
+        }
+        Self { resolution, origin, width, height, layers }
     }
 
     /// Arrays by the layers' names, with `origin` and `resolution`.

@@ -10,6 +10,7 @@ pub mod dissection;
 
 mod block;
 mod cholesky;
+mod panels;
 mod pattern;
 mod selected;
 mod stencil;

@@ -15,6 +15,7 @@
 //! share its pose's error, so however many they are, they count as one witness. A wall seen from both sides has
 //! surfels of its own on each face.
 
+mod consensus;
 pub mod normals;
 pub mod standing;
 
@@ -24,6 +25,7 @@ use nalgebra::Vector3;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
+use self::consensus::{Neighbourhood, consensus, neighbours};
 use super::viewpoint::Viewpoint;
 use crate::geometry::{Cov2, Pose, Vec2, turned};
 use crate::scan::Return;
@@ -32,13 +34,6 @@ use crate::scan::Return;
 const SQUARES: f64 = 4.0;
 /// Directions that are told apart within a square.
 const SECTORS: f64 = 8.0;
-/// The local line's kernel, in cells: its standard deviation, and where it ends.
-const KERNEL: f64 = 0.5;
-const KERNEL_END: f64 = 1.25;
-/// Normals with at least this cosine between them belong to one surface.
-const ALIKE: f64 = 0.8;
-/// Surfels of one surface farther apart than this many cells leave a gap between them.
-const LONGEST_JOIN: f64 = 2.0;
 /// A piece of surface that nothing adjoins reaches this many cells to that side.
 const LONELY_REACH: f64 = 0.125;
 
@@ -119,11 +114,11 @@ impl Surfels {
     pub fn gather(returns: &[Return], normals: &[Vec2], viewpoints: &[Viewpoint], h: f64) -> (Self, Vec<usize>) {
         let (patches, groups, owners) = patches(returns, normals, viewpoints, h);
         let places = patches.iter().enumerate().map(|(k, patch)| GeomWithData::new(patch.center.into(), k)).collect();
-        let tree: RTree<GeomWithData<[f64; 2], usize>> = RTree::bulk_load(places);
+        let around = Neighbourhood { patches: &patches, tree: RTree::bulk_load(places), h };
         let mut surfels = Self::default();
         for patch in &patches {
-            let (anchor, normal) = consensus(patch, &patches, &tree, h);
-            let next = neighbours(anchor, normal, &patches, &tree, h);
+            let (anchor, normal) = consensus(patch, &around);
+            let next = neighbours(anchor, normal, &around);
             surfels.push((anchor, normal), (next, LONELY_REACH * h), &groups[patch.groups.clone()], viewpoints);
         }
         (surfels, owners)
@@ -266,63 +261,6 @@ fn group<'a>(scan: usize, own: impl Iterator<Item = &'a Return>) -> Group {
     group.mean /= group.count;
     group.along /= group.count;
     group
-}
-
-/// The local line through a patch's neighbourhood: a point of it near the patch, and its normal.
-fn consensus(patch: &Patch, patches: &[Patch], tree: &RTree<GeomWithData<[f64; 2], usize>>, h: f64) -> (Vec2, Vec2) {
-    let (mut anchor, mut normal) = (patch.center, patch.normal);
-    for _ in 0..2 {
-        let tangent = turned(normal);
-        // Weighted sums of 1, t, t^2, s and t s.
-        let mut sums = [0.0; 5];
-        for near in tree.locate_within_distance(anchor.into(), (KERNEL_END * h).powi(2)) {
-            let other = &patches[near.data];
-            if other.normal.dot(&normal) < ALIKE {
-                continue;
-            }
-            let apart = other.center - anchor;
-            let weight = other.weight * (-apart.norm_squared() / (2.0 * (KERNEL * h).powi(2))).exp();
-            let (s, t) = (normal.dot(&apart), tangent.dot(&apart));
-            [1.0, t, t * t, s, t * s].iter().zip(&mut sums).for_each(|(term, sum)| *sum += weight * term);
-        }
-        let [one, t, tt, s, ts] = sums;
-        if one <= 0.0 {
-            break;
-        }
-        // A ridge on the slope: a few returns in one place say nothing about direction.
-        let spread = tt - t * t / one + one * (0.05 * h).powi(2);
-        let slope = (ts - t * s / one) / spread;
-        anchor += normal * ((s - slope * t) / one);
-        normal = (normal - tangent * slope).normalize();
-    }
-    // A line through next to nothing may lead anywhere: a consensus far from the patch is none.
-    match (anchor - patch.center).norm() <= KERNEL * h {
-        true => (anchor, normal),
-        false => (patch.center, patch.normal),
-    }
-}
-
-/// How far the next patch of the same surface is on either side.
-fn neighbours(
-    anchor: Vec2,
-    normal: Vec2,
-    patches: &[Patch],
-    tree: &RTree<GeomWithData<[f64; 2], usize>>,
-    h: f64,
-) -> [Option<f64>; 2] {
-    let mut next = [f64::INFINITY; 2];
-    for near in tree.locate_within_distance(anchor.into(), (LONGEST_JOIN * h).powi(2)) {
-        let other = &patches[near.data];
-        let apart = other.center - anchor;
-        let t = turned(normal).dot(&apart);
-        if other.normal.dot(&normal) >= ALIKE && normal.dot(&apart).abs() <= h.min(0.5 * h + 0.3 * t.abs()) {
-            let side = usize::from(t > 0.0);
-            if t.abs() > 1e-3 * h {
-                next[side] = next[side].min(t.abs());
-            }
-        }
-    }
-    next.map(|t| t.is_finite().then_some(t))
 }
 
 #[cfg(test)]
