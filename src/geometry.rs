@@ -15,6 +15,7 @@ pub type Cov3 = Matrix3<f64>;
 
 /// Where a sensor was and which way it looked: metres, radians.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "service", derive(utoipa::ToSchema))]
 pub struct Pose {
     pub x: f64,
     pub y: f64,

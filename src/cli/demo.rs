@@ -9,6 +9,7 @@ use super::CliError;
 use super::client::{Client, text};
 use super::fit::write;
 use super::serve::{House, Running, data_in, runtime, stop_signal};
+use crate::http::HttpLimits;
 use crate::import::to_request;
 use crate::jobs::Limits;
 use crate::sim::Scenario;
@@ -73,9 +74,9 @@ impl Demo {
 
 /// Serves at the wished address, or at a free port where that is taken.
 async fn start(listen: SocketAddr, house: &House) -> Result<Running, CliError> {
-    match Running::start(listen, house).await {
+    match Running::start(listen, house, HttpLimits::default()).await {
         Err(CliError::Io { source, .. }) if source.kind() == std::io::ErrorKind::AddrInUse => {
-            Running::start(SocketAddr::new(listen.ip(), 0), house).await
+            Running::start(SocketAddr::new(listen.ip(), 0), house, HttpLimits::default()).await
         }
         other => other,
     }

@@ -10,7 +10,7 @@ use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 
 use super::CliError;
-use crate::http::router;
+use crate::http::{HttpLimits, listener, router};
 use crate::jobs::Limits;
 use crate::store::{Artifacts, SqliteStore};
 use crate::worker::{Solvers, Workshop};
@@ -23,6 +23,12 @@ pub struct Serve {
     /// The address to listen on. Without API keys it must be a loopback address.
     #[arg(long, env = "MAPFIT_LISTEN", default_value = "127.0.0.1:8080")]
     pub listen: SocketAddr,
+    /// How long an answer may take; past it, it is 503.
+    #[arg(long, env = "MAPFIT_REQUEST_SECONDS", default_value_t = 60)]
+    pub request_seconds: u64,
+    /// Connections open at once; more wait.
+    #[arg(long, env = "MAPFIT_CONNECTIONS", default_value_t = HttpLimits::default().connections)]
+    pub connections: usize,
     #[command(flatten)]
     pub house: House,
 }
@@ -66,9 +72,14 @@ impl House {
 }
 
 impl Serve {
+    fn limits(&self) -> HttpLimits {
+        let patience = Duration::from_secs(self.request_seconds.max(1));
+        HttpLimits { patience, connections: self.connections.max(1), ..HttpLimits::default() }
+    }
+
     pub fn run(self) -> Result<(), CliError> {
         let runtime = runtime()?;
-        let service = runtime.block_on(Running::start(self.listen, &self.house))?;
+        let service = runtime.block_on(Running::start(self.listen, &self.house, self.limits()))?;
         println!("serving on http://{}", service.address);
         runtime.block_on(stop_signal());
         service.stop(&runtime);
@@ -93,12 +104,12 @@ pub(super) struct Running {
     pub address: SocketAddr,
     workshop: Arc<Workshop>,
     solvers: Option<Solvers>,
-    server: tokio::task::JoinHandle<std::io::Result<()>>,
+    server: tokio::task::JoinHandle<()>,
 }
 
 impl Running {
     /// Binds, opens the data, starts workers and the server.
-    pub async fn start(listen: SocketAddr, house: &House) -> Result<Self, CliError> {
+    pub async fn start(listen: SocketAddr, house: &House, limits: HttpLimits) -> Result<Self, CliError> {
         if !listen.ip().is_loopback() {
             return Err(CliError::Usage(format!(
                 "{listen} is not a loopback address, and there are no API keys: whoever reaches it could do anything. \
@@ -113,9 +124,10 @@ impl Running {
         let solvers = Solvers::start(workshop.clone(), count, &tokio::runtime::Handle::current());
         let solvers = solvers.map_err(CliError::io("a solver thread cannot be started"))?;
         let shutdown = workshop.clone();
-        let app = router(workshop.clone());
+        let app = router(workshop.clone(), limits);
+        let connections = limits.connections;
         let server = tokio::spawn(async move {
-            axum::serve(listener, app).with_graceful_shutdown(async move { shutdown.drained().await }).await
+            listener::serve(listener, app, connections, async move { shutdown.drained().await }).await;
         });
         Ok(Self { address, workshop, solvers: Some(solvers), server })
     }

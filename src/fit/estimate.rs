@@ -23,6 +23,7 @@ pub(crate) const HELD: f64 = 1e12;
 
 /// Which distance a map holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "service", derive(utoipa::ToSchema))]
 pub enum Distance {
     /// Negative in free space: for places with an inside.
     #[serde(rename = "sdf")]

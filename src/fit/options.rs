@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// Which objective is minimised.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "service", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Weighting {
     /// The published objective and constants.
@@ -16,6 +17,7 @@ pub enum Weighting {
 
 /// Whether the scans' poses are unknowns of the fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "service", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Poses {
     Fixed,
@@ -61,6 +63,7 @@ impl Default for FitOptions {
 
 /// The weights a fit used.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "service", derive(utoipa::ToSchema))]
 pub struct Weights {
     /// `rho_e`, in the unit that `eikonal_unit` names.
     pub eikonal: f64,

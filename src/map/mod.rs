@@ -43,6 +43,8 @@ pub enum MapError {
 
 /// What a fit reports about itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "service", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "service", schema(as = Fit))]
 pub struct FitReport {
     pub weighting: Weighting,
     /// Stationary within tolerance, and the exact Hessian positive definite.
@@ -79,6 +81,7 @@ pub struct FitReport {
 
 /// Seconds a map took, by stage.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "service", derive(utoipa::ToSchema))]
 pub struct StageSeconds {
     pub fitting: f64,
     pub covariance: f64,
@@ -134,6 +137,13 @@ impl FittedMap {
 
     pub fn lattice(&self) -> &Lattice {
         self.field.lattice()
+    }
+
+    /// Bytes it holds in memory, about: the covariances are nearly all of it.
+    pub fn held_bytes(&self) -> usize {
+        let parts = Kind::ALL.map(|kind| self.field.covariance(kind).parts.iter().map(|part| part.values.len()).sum());
+        let numbers = parts.iter().sum::<usize>() + 8 * self.lattice().len() + 2 * self.returns.len();
+        8 * numbers + 250 * self.surfaces.facets().len()
     }
 
     /// From where [`crate::fit::resume`] finds the fit's end again: coefficients and pose unknowns.

@@ -18,33 +18,13 @@ use faer::sparse::linalg::cholesky::{
     factorize_symbolic_cholesky,
 };
 use faer::{Conj, MatMut, Par, Side};
-use thiserror::Error;
 
+use super::error::{LARGEST_FACTOR, SparseError};
 use super::pattern::Pattern;
 use super::system::Symmetric;
 
-#[derive(Debug, Error, Clone, PartialEq)]
-pub enum SparseError {
-    #[error("the matrix is not positive definite")]
-    NotPositiveDefinite,
-    #[error("the sparse factorisation could not be set up: {0}")]
-    Setup(String),
-    #[error("stopped")]
-    Stopped,
-    #[error(
-        "too many poses see the same places: the system would have {entries} entries, the limit is {limit}. Fewer \
-         scans (every second one, say), or a smaller area, would help"
-    )]
-    TooLarge { entries: usize, limit: usize },
-    #[error("a linear solve left a residual of {residual:.1e} relative to its right-hand side")]
-    Residual { residual: f64 },
-}
-
 /// How large a relative residual of a solve may be before its answer is refused.
 pub(crate) const LARGEST_RESIDUAL: f64 = 1e-6;
-
-/// Entries of a factor at most: 2 GB, of which a covariance takes four times as much.
-pub(super) const LARGEST_FACTOR: usize = 250_000_000;
 
 /// A factorisation with its buffers; make one per pattern and refill it.
 pub struct Cholesky {

@@ -10,6 +10,7 @@ pub mod dissection;
 
 mod block;
 mod cholesky;
+mod error;
 mod panels;
 mod pattern;
 mod selected;
@@ -17,8 +18,9 @@ mod stencil;
 mod system;
 
 pub use block::CellBlock;
+pub use cholesky::Cholesky;
 pub(crate) use cholesky::LARGEST_RESIDUAL;
-pub use cholesky::{Cholesky, SparseError};
+pub use error::SparseError;
 pub use pattern::{Pattern, Views};
 pub use selected::{selected_inverse, selected_sandwich};
 pub use stencil::{Stencil, StencilMatrix};

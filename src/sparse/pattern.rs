@@ -9,8 +9,8 @@ use std::sync::Arc;
 
 use faer::sparse::SymbolicSparseColMatRef;
 
-use super::cholesky::{LARGEST_FACTOR, SparseError};
 use super::dissection::{Step, order};
+use super::error::{LARGEST_FACTOR, SparseError};
 use super::stencil::Stencil;
 
 /// Entries between poses and control points at most.

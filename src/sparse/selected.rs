@@ -30,7 +30,8 @@ use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_uppe
 use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 
-use super::cholesky::{Cholesky, SparseError};
+use super::cholesky::Cholesky;
+use super::error::SparseError;
 use super::panels::Panels;
 use super::system::SystemMatrix;
 

@@ -3,7 +3,8 @@
 //! An attempt writes under a prefix of its own, `attempts/JOB/ATTEMPT/`; the fenced finish names that prefix in the
 //! map's row. What no row names was written by an attempt that lost its lease or died, and is swept.
 
-use std::path::Path as FilePath;
+use std::collections::BTreeSet;
+use std::path::{Path as FilePath, PathBuf};
 use std::sync::Arc;
 
 use bytes::Bytes;
@@ -31,6 +32,8 @@ const ROOT: &str = "attempts";
 #[derive(Clone)]
 pub struct Artifacts {
     store: Arc<dyn ObjectStore>,
+    /// Where it is a folder. A write that a crash cut short leaves a file there that no list of objects shows.
+    folder: Option<PathBuf>,
 }
 
 impl Artifacts {
@@ -38,7 +41,7 @@ impl Artifacts {
     pub fn in_folder(folder: &FilePath) -> Result<Self, ArtifactsError> {
         std::fs::create_dir_all(folder)?;
         let files = LocalFileSystem::new_with_prefix(folder)?.with_fsync(true).with_automatic_cleanup(true);
-        Ok(Self { store: Arc::new(files) })
+        Ok(Self { store: Arc::new(files), folder: Some(folder.to_owned()) })
     }
 
     /// The prefix of one attempt's artifacts.
@@ -65,22 +68,45 @@ impl Artifacts {
                 Err(error) => return Err(error.into()),
             }
         }
+        if let Some(folder) = &self.folder {
+            match tokio::fs::remove_dir_all(folder.join(prefix)).await {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error.into()),
+                _ => {}
+            }
+        }
         Ok(())
+    }
+
+    /// The attempts that left something behind, as (job, attempt).
+    async fn attempts(&self) -> Result<BTreeSet<(String, i64)>, ArtifactsError> {
+        let Some(folder) = &self.folder else {
+            let paths: Vec<Path> =
+                self.store.list(Some(&Path::from(ROOT))).map_ok(|meta| meta.location).try_collect().await?;
+            let attempt = |path: &Path| {
+                let parts: Vec<_> = path.parts().map(|part| part.as_ref().to_owned()).collect();
+                Some((parts.get(1)?.clone(), parts.get(2)?.parse().ok()?))
+            };
+            return Ok(paths.iter().filter_map(attempt).collect());
+        };
+        let mut attempts = BTreeSet::new();
+        for job in names(&folder.join(ROOT)).await? {
+            let own = names(&folder.join(ROOT).join(&job)).await?;
+            attempts.extend(own.iter().filter_map(|attempt| Some((job.clone(), attempt.parse().ok()?))));
+        }
+        Ok(attempts)
+    }
+
+    /// Whether an artifact can be written: one of a few pages, and away again.
+    pub async fn probe(&self) -> Result<(), ArtifactsError> {
+        let path = Path::from(format!("probes/{}", std::process::id()));
+        self.store.put(&path, PutPayload::from(vec![0; 1 << 16])).await?;
+        Ok(self.store.delete(&path).await?)
     }
 
     /// Removes what no map and no running attempt owns; how many prefixes that were.
     pub async fn sweep(&self, records: &dyn JobStore) -> Result<usize, ArtifactsError> {
-        let paths: Vec<Path> =
-            self.store.list(Some(&Path::from(ROOT))).map_ok(|meta| meta.location).try_collect().await?;
-        let prefixes: std::collections::BTreeSet<(String, i64)> = paths
-            .iter()
-            .filter_map(|path| {
-                let parts: Vec<_> = path.parts().map(|part| part.as_ref().to_owned()).collect();
-                Some((parts.get(1)?.clone(), parts.get(2)?.parse().ok()?))
-            })
-            .collect();
         let mut swept = 0;
-        for (job_id, attempt) in prefixes {
+        for (job_id, attempt) in self.attempts().await? {
             let prefix = Self::prefix(&job_id, attempt);
             if !records.owns_prefix(&prefix, &job_id, attempt).await? {
                 self.remove(&prefix).await?;
@@ -89,4 +115,18 @@ impl Artifacts {
         }
         Ok(swept)
     }
+}
+
+/// The names in a folder; none where it is missing.
+async fn names(folder: &FilePath) -> Result<Vec<String>, std::io::Error> {
+    let mut entries = match tokio::fs::read_dir(folder).await {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(error),
+    };
+    let mut names = Vec::new();
+    while let Some(entry) = entries.next_entry().await? {
+        names.push(entry.file_name().to_string_lossy().into_owned());
+    }
+    Ok(names)
 }

@@ -9,6 +9,7 @@
 //! - Leases live by the database's clock. A lapsed lease costs an attempt; a job out of attempts has failed.
 
 mod artifacts;
+mod listed;
 mod sqlite;
 
 use std::collections::BTreeMap;
@@ -75,6 +76,16 @@ pub enum Cancellation {
     Unknown,
 }
 
+/// What became of a removal.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Removal {
+    Removed,
+    NotEnded,
+    /// Its map, by id, is still there.
+    HasMap(String),
+    Unknown,
+}
+
 /// Which jobs or maps to list: newest first, those with ids below `before`.
 #[derive(Debug, Clone, Default)]
 pub struct Listing {
@@ -100,6 +111,10 @@ pub trait JobStore: Send + Sync {
     async fn jobs(&self, listing: &Listing) -> Result<Vec<Job>, StoreError>;
     async fn request(&self, tenant: &str, id: &str) -> Result<Option<Vec<u8>>, StoreError>;
     async fn cancel(&self, tenant: &str, id: &str) -> Result<Cancellation, StoreError>;
+    /// Removes a job that has ended, where its map is gone, with its request and its idempotency key.
+    async fn remove_job(&self, tenant: &str, id: &str) -> Result<Removal, StoreError>;
+    /// The revisions of these jobs, of any tenant; what is gone is left out.
+    async fn revisions(&self, ids: &[String]) -> Result<Vec<(String, i64)>, StoreError>;
 
     async fn claim(&self, worker: &str) -> Result<Option<Claim>, StoreError>;
     /// Puts jobs whose lease lapsed back in the queue, or fails them where they are out of attempts; how many.
@@ -121,6 +136,6 @@ pub trait JobStore: Send + Sync {
     async fn delete_map(&self, tenant: &str, id: &str) -> Result<Option<MapRecord>, StoreError>;
     /// Whether some map or running attempt owns an artifact prefix.
     async fn owns_prefix(&self, prefix: &str, job_id: &str, attempt: i64) -> Result<bool, StoreError>;
-    /// Whether the database answers.
-    async fn ping(&self) -> Result<(), StoreError>;
+    /// Whether work can be taken: reads what every request needs, and commits a row.
+    async fn probe(&self) -> Result<(), StoreError>;
 }

@@ -12,10 +12,11 @@ use async_trait::async_trait;
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteRow, SqliteSynchronous,
 };
-use sqlx::{Connection, QueryBuilder, Row, Sqlite, Transaction};
+use sqlx::{AssertSqlSafe, Connection, QueryBuilder, Row, Sqlite, Transaction};
 use uuid::Uuid;
 
-use super::{Cancellation, Claim, JobStore, LEASE, Listing, MAX_ATTEMPTS, NewJob, StoreError, Submission};
+use super::listed;
+use super::{Cancellation, Claim, JobStore, LEASE, Listing, MAX_ATTEMPTS, NewJob, Removal, StoreError, Submission};
 use crate::fit::Distance;
 use crate::jobs::{Job, JobStatus, MapRecord, ProblemReport, Progress};
 
@@ -26,6 +27,9 @@ const QUEUED_AGAIN: &str =
     "progress = json_set(progress, '$.percent', 0.0, '$.stage', 'queued', '$.iteration', 0, '$.objective', NULL)";
 const JOB: &str = "id, tenant, name, labels, status, progress, message, problem, created, started, finished, updated, \
                    attempt, priority, map_id, revision";
+
+/// Retried jobs that a claim puts back in the queue at most.
+const MOST_DUE: i64 = 32;
 
 /// A [`JobStore`] in one SQLite file.
 pub struct SqliteStore {
@@ -104,15 +108,20 @@ impl JobStore for SqliteStore {
         }
         let id = Uuid::now_v7().to_string();
         let mut insert = QueryBuilder::<Sqlite>::new(
-            "INSERT INTO jobs (id, tenant, name, labels, status, progress, message, priority, request, created, updated) \
+            "INSERT INTO jobs (id, tenant, name, labels, status, progress, message, priority, created, updated) \
              VALUES (",
         );
         let mut values = insert.separated(", ");
         values.push_bind(&id).push_bind(&new.tenant).push_bind(&new.name);
         values.push_bind(serde_json::to_string(&new.labels)?).push_bind("accepted");
         values.push_bind(serde_json::to_string(&new.progress)?).push_bind(&new.message).push_bind(new.priority);
-        values.push_bind(new.request).push(NOW).push(NOW);
+        values.push(NOW).push(NOW);
         insert.push(")").build().execute(&mut *tx).await?;
+        sqlx::query("INSERT INTO requests (job_id, request) VALUES (?, ?)")
+            .bind(&id)
+            .bind(new.request)
+            .execute(&mut *tx)
+            .await?;
         if let Some((key, body)) = &new.idempotency {
             sqlx::query("INSERT INTO idempotency_keys (tenant, key, body, job_id) VALUES (?, ?, ?, ?)")
                 .bind(&new.tenant)
@@ -135,18 +144,12 @@ impl JobStore for SqliteStore {
     }
 
     async fn jobs(&self, listing: &Listing) -> Result<Vec<Job>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new("SELECT ");
-        query.push(JOB).push(" FROM jobs");
-        filter(&mut query, listing);
-        if let Some(status) = listing.status {
-            query.push(" AND status = ").push_bind(status.name());
-        }
-        newest_first(&mut query, listing);
+        let mut query = listed::page(&listed::JOBS, JOB, listing);
         query.build().fetch_all(&self.readers).await?.iter().map(read_job).collect()
     }
 
     async fn request(&self, tenant: &str, id: &str) -> Result<Option<Vec<u8>>, StoreError> {
-        Ok(sqlx::query_scalar("SELECT request FROM jobs WHERE id = ? AND tenant = ?")
+        Ok(sqlx::query_scalar("SELECT requests.request FROM jobs JOIN requests ON requests.job_id = jobs.id WHERE jobs.id = ? AND jobs.tenant = ?")
             .bind(id)
             .bind(tenant)
             .fetch_optional(&self.readers)
@@ -168,22 +171,56 @@ impl JobStore for SqliteStore {
         })
     }
 
+    async fn remove_job(&self, tenant: &str, id: &str) -> Result<Removal, StoreError> {
+        const ENDED: &str = "FROM jobs WHERE id = ?1 AND tenant = ?2 AND status IN ('successful', 'failed', 'dismissed') \
+             AND NOT EXISTS (SELECT 1 FROM maps WHERE job_id = ?1)";
+        let mut tx = self.begin().await?;
+        let keys = format!("DELETE FROM idempotency_keys WHERE job_id = (SELECT id {ENDED})");
+        sqlx::query(AssertSqlSafe(keys)).bind(id).bind(tenant).execute(&mut *tx).await?;
+        let jobs = format!("DELETE {ENDED}");
+        let removed = sqlx::query(AssertSqlSafe(jobs)).bind(id).bind(tenant).execute(&mut *tx).await?.rows_affected();
+        tx.commit().await?;
+        if removed == 1 {
+            return Ok(Removal::Removed);
+        }
+        Ok(match self.job(tenant, id).await? {
+            None => Removal::Unknown,
+            Some(Job { status, map_id: Some(map), .. }) if status.has_ended() => Removal::HasMap(map),
+            Some(_) => Removal::NotEnded,
+        })
+    }
+
+    async fn revisions(&self, ids: &[String]) -> Result<Vec<(String, i64)>, StoreError> {
+        let query = "SELECT id, revision FROM jobs WHERE id IN (SELECT value FROM json_each(?))";
+        Ok(sqlx::query_as(query).bind(serde_json::to_string(ids)?).fetch_all(&self.readers).await?)
+    }
+
     async fn claim(&self, worker: &str) -> Result<Option<Claim>, StoreError> {
         let mut tx = self.begin().await?;
+        // Retried jobs whose time has come join the queue; see the migration.
+        let mut due = QueryBuilder::<Sqlite>::new("UPDATE jobs SET not_before = 0 WHERE id IN (SELECT id FROM jobs");
+        due.push(" WHERE status = 'accepted' AND not_before > 0 AND not_before <= ").push(NOW);
+        due.push(" ORDER BY not_before LIMIT ").push_bind(MOST_DUE).push(")");
+        due.build().execute(&mut *tx).await?;
         let mut update = QueryBuilder::<Sqlite>::new("UPDATE jobs SET status = 'running', attempt = attempt + 1");
         update.push(", revision = revision + 1, worker = ").push_bind(worker.to_owned());
         update.push(", lease_until = ").push(NOW).push(" + ").push_bind(LEASE.as_millis() as i64);
         update.push(", updated = ").push(NOW).push(", started = COALESCE(started, ").push(NOW).push(") WHERE id = (");
-        update.push("SELECT id FROM jobs AS waiting WHERE status = 'accepted' AND not_before <= ").push(NOW);
-        update.push(
-            " ORDER BY priority DESC, \
-             (SELECT count(*) FROM jobs AS busy WHERE busy.status = 'running' AND busy.tenant = waiting.tenant), \
-             created, id LIMIT 1) RETURNING request, ",
-        );
-        update.push(JOB);
+        update.push("SELECT id FROM turns ORDER BY priority DESC, running, created, id LIMIT 1) RETURNING ").push(JOB);
         let row = update.build().fetch_all(&mut *tx).await?.into_iter().next();
+        let job = row.as_ref().map(read_job).transpose()?;
+        let claim = match job {
+            Some(job) => {
+                let request = sqlx::query_scalar("SELECT request FROM requests WHERE job_id = ?")
+                    .bind(&job.id)
+                    .fetch_one(&mut *tx)
+                    .await?;
+                Some(Claim { job, request })
+            }
+            None => None,
+        };
         tx.commit().await?;
-        row.map(|row| Ok(Claim { job: read_job(&row)?, request: row.try_get("request")? })).transpose()
+        Ok(claim)
     }
 
     async fn reap(&self) -> Result<u64, StoreError> {
@@ -300,13 +337,7 @@ impl JobStore for SqliteStore {
     }
 
     async fn maps(&self, listing: &Listing) -> Result<Vec<MapRecord>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new("SELECT * FROM maps");
-        filter(&mut query, listing);
-        if let Some([min_x, min_y, max_x, max_y]) = listing.bbox {
-            query.push(" AND min_x <= ").push_bind(max_x).push(" AND max_x >= ").push_bind(min_x);
-            query.push(" AND min_y <= ").push_bind(max_y).push(" AND max_y >= ").push_bind(min_y);
-        }
-        newest_first(&mut query, listing);
+        let mut query = listed::page(&listed::MAPS, "*", listing);
         query.build().fetch_all(&self.readers).await?.iter().map(read_map).collect()
     }
 
@@ -334,9 +365,15 @@ impl JobStore for SqliteStore {
         Ok(owners > 0)
     }
 
-    async fn ping(&self) -> Result<(), StoreError> {
-        sqlx::query("SELECT 1").execute(&self.readers).await?;
-        Ok(())
+    async fn probe(&self) -> Result<(), StoreError> {
+        sqlx::query("SELECT (SELECT id FROM turns LIMIT 1), (SELECT max(id) FROM jobs), (SELECT max(id) FROM maps)")
+            .fetch_one(&self.readers)
+            .await?;
+        let mut tx = self.begin().await?;
+        let mut write = QueryBuilder::<Sqlite>::new("INSERT INTO probes (id, written) VALUES (1, ");
+        write.push(NOW).push(") ON CONFLICT (id) DO UPDATE SET written = excluded.written");
+        write.build().execute(&mut *tx).await?;
+        Ok(tx.commit().await?)
     }
 }
 
@@ -344,21 +381,6 @@ async fn job_by_id(tx: &mut Transaction<'static, Sqlite>, id: &str) -> Result<Jo
     let mut query = QueryBuilder::<Sqlite>::new("SELECT ");
     query.push(JOB).push(" FROM jobs WHERE id = ").push_bind(id.to_owned());
     read_job(&query.build().fetch_one(&mut **tx).await?)
-}
-
-fn filter(query: &mut QueryBuilder<Sqlite>, listing: &Listing) {
-    query.push(" WHERE tenant = ").push_bind(listing.tenant.clone());
-    for (key, value) in &listing.labels {
-        query.push(" AND EXISTS (SELECT 1 FROM json_each(labels) WHERE json_each.key = ").push_bind(key.clone());
-        query.push(" AND json_each.value = ").push_bind(value.clone()).push(")");
-    }
-    if let Some(before) = &listing.before {
-        query.push(" AND id < ").push_bind(before.clone());
-    }
-}
-
-fn newest_first(query: &mut QueryBuilder<Sqlite>, listing: &Listing) {
-    query.push(" ORDER BY id DESC LIMIT ").push_bind(listing.limit);
 }
 
 fn read_job(row: &SqliteRow) -> Result<Job, StoreError> {

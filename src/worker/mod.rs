@@ -7,6 +7,7 @@
 //! infrastructure's errors retry, with backoff.
 
 mod attempt;
+mod watch;
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,7 +16,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use tokio::runtime::Handle;
-use tokio::sync::{Notify, watch};
+use tokio::sync::Notify;
 
 use crate::jobs::Limits;
 use crate::store::{Artifacts, Claim, JobStore};
@@ -29,6 +30,10 @@ const REAP: Duration = Duration::from_secs(2);
 /// How often artifacts nobody names are swept.
 const SWEEP: Duration = Duration::from_secs(3600);
 
+/// How long readiness is believed, and how long its probe may take.
+const READY_FOR: Duration = Duration::from_secs(1);
+const PROBE_WITHIN: Duration = Duration::from_secs(3);
+
 /// What solvers and the HTTP side share.
 pub struct Workshop {
     pub records: Arc<dyn JobStore>,
@@ -38,13 +43,25 @@ pub struct Workshop {
     pub arrivals: Notify,
     /// Flags of the attempts that run in this process, by job.
     running: Mutex<HashMap<String, Arc<AtomicBool>>>,
-    draining: watch::Sender<bool>,
+    draining: tokio::sync::watch::Sender<bool>,
+    followed: watch::Followed,
+    /// When work was last known to be taken.
+    ready: Mutex<Option<std::time::Instant>>,
 }
 
 impl Workshop {
     pub fn new(records: Arc<dyn JobStore>, artifacts: Artifacts, limits: Limits) -> Arc<Self> {
-        let draining = watch::Sender::new(false);
-        Arc::new(Self { records, artifacts, limits, arrivals: Notify::new(), running: Mutex::default(), draining })
+        let draining = tokio::sync::watch::Sender::new(false);
+        Arc::new(Self {
+            records,
+            artifacts,
+            limits,
+            arrivals: Notify::new(),
+            running: Mutex::default(),
+            draining,
+            followed: Default::default(),
+            ready: Mutex::default(),
+        })
     }
 
     /// Stops a job's attempt in this process within one step, if it runs here.
@@ -58,6 +75,23 @@ impl Workshop {
     /// Whether no new work is taken.
     pub fn is_draining(&self) -> bool {
         *self.draining.borrow()
+    }
+
+    /// Whether work can be taken: a row and an artifact could just be written. Known for [`READY_FOR`], so that whoever asks
+    /// all day writes little. The error says why not.
+    pub async fn takes_work(&self) -> Result<(), String> {
+        let lately = *self.ready.lock().unwrap_or_else(PoisonError::into_inner);
+        if lately.is_some_and(|at| at.elapsed() < READY_FOR) {
+            return Ok(());
+        }
+        let probe = async {
+            self.records.probe().await.map_err(|error| error.to_string())?;
+            self.artifacts.probe().await.map_err(|error| error.to_string())
+        };
+        let outcome = tokio::time::timeout(PROBE_WITHIN, probe).await;
+        outcome.unwrap_or_else(|_| Err("the database or the artifact store does not answer".into()))?;
+        *self.ready.lock().unwrap_or_else(PoisonError::into_inner) = Some(std::time::Instant::now());
+        Ok(())
     }
 
     /// Resolves once draining begins.
@@ -88,6 +122,8 @@ impl Solvers {
     /// Starts `count` solver threads, and the task that reaps lapsed leases.
     pub fn start(workshop: Arc<Workshop>, count: usize, runtime: &Handle) -> std::io::Result<Self> {
         runtime.spawn(keep_house(workshop.clone()));
+        let watched = workshop.clone();
+        runtime.spawn(async move { watched.watch_jobs().await });
         let threads = (0..count)
             .map(|k| {
                 let (workshop, runtime) = (workshop.clone(), runtime.clone());

@@ -1,24 +1,27 @@
 //! A job's life as server-sent events: `progress` while it goes on, and last `status`.
 //!
 //! An event's id is the job's revision, which grows with every change; `Last-Event-ID` resumes behind it. A client that
-//! has seen the end gets 204, which tells an `EventSource` to stop.
+//! has seen the end gets 204, which tells an `EventSource` to stop. Changes come from [`crate::worker::Workshop`], which
+//! looks after all jobs that anybody follows by one read of the store.
 
 use std::convert::Infallible;
 use std::time::Duration;
 
 use axum::extract::{Path, State};
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, Uri};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use futures::stream::{self, Stream, StreamExt};
 
-use super::AppState;
-use super::jobs::{JobBody, find};
-use super::problem::Problem;
+use super::record::JobBody;
+use crate::http::shared::AppState;
+use crate::http::shared::params::Params;
+use crate::http::shared::problem::{Problem, Refused};
 use crate::jobs::Job;
 
-/// How often a followed job is looked at.
-pub(crate) const POLL: Duration = Duration::from_millis(150);
+/// Proxies are told not to hold events back.
+static UNBUFFERED: (HeaderName, HeaderValue) =
+    (HeaderName::from_static("x-accel-buffering"), HeaderValue::from_static("no"));
 
 /// Follow a job.
 #[utoipa::path(get, operation_id = "get_job_events", path = "/v1/jobs/{id}/events", tag = "jobs",
@@ -26,13 +29,15 @@ pub(crate) const POLL: Duration = Duration::from_millis(150);
     responses((status = 200, body = String, content_type = "text/event-stream",
             description = "`progress` events, each with the job's progress, and last one `status` event with the job"),
         (status = 204, description = "the job has ended and its last event was seen"),
-        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
-pub async fn events(
+        Refused))]
+pub async fn get_job_events(
     State(state): State<AppState>,
     Path(id): Path<String>,
+    uri: Uri,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let job = find(&state, &id).await?;
+    Params::of(&uri).finish()?;
+    let job = state.job(&id).await?;
     let seen = headers.get("last-event-id").and_then(|id| id.to_str().ok()).and_then(|id| id.trim().parse().ok());
     let seen: i64 = seen.unwrap_or(0);
     if job.status.has_ended() && seen == job.revision {
@@ -41,7 +46,9 @@ pub async fn events(
     // An id this job has not reached is another job's, or made up.
     let seen = if seen > job.revision { 0 } else { seen };
     let keep_alive = KeepAlive::new().interval(Duration::from_secs(10));
-    Ok(Sse::new(follow(state, id, seen)).keep_alive(keep_alive).into_response())
+    let mut response = Sse::new(follow(state, id, seen)).keep_alive(keep_alive).into_response();
+    response.headers_mut().insert(UNBUFFERED.0.clone(), UNBUFFERED.1.clone());
+    Ok(response)
 }
 
 fn follow(state: AppState, id: String, seen: i64) -> impl Stream<Item = Result<Event, Infallible>> {
@@ -52,17 +59,20 @@ fn follow(state: AppState, id: String, seen: i64) -> impl Stream<Item = Result<E
         }
         loop {
             // The job was deleted from under us, or the database is away: the client reconnects.
-            let job = find(&state, &id).await.ok()?;
+            let job = state.job(&id).await.ok()?;
             if job.revision > seen {
                 let over = job.status.has_ended();
                 let events = if over { ending(&job, seen) } else { progress(&job, job.revision).into_iter().collect() };
                 seen = job.revision;
                 return Some((stream::iter(events), (state, id, seen, over)));
             }
-            if state.workshop.is_draining() {
+            let changed = tokio::select! {
+                changed = state.workshop.changed_since(&id, seen) => changed,
+                () = state.workshop.drained() => false,
+            };
+            if !changed {
                 return None;
             }
-            tokio::time::sleep(POLL).await;
         }
     })
     .flatten()

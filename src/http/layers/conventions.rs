@@ -9,7 +9,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use uuid::Uuid;
 
-use super::problem::Problem;
+use crate::http::shared::problem::Problem;
 
 static REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 const PROBLEM_JSON: HeaderValue = HeaderValue::from_static("application/problem+json");
@@ -40,7 +40,7 @@ pub async fn finish(request: Request, next: Next) -> Response {
 }
 
 fn write_problem(response: &mut Response, problem: &Problem, path: &str, id: &str) {
-    let body = problem.to_json(path, id).to_string();
+    let body = serde_json::to_vec(&problem.body(path, id)).unwrap_or_default();
     response.headers_mut().insert(header::CONTENT_TYPE, PROBLEM_JSON);
     response.headers_mut().insert(header::CONTENT_LENGTH, HeaderValue::from(body.len()));
     *response.body_mut() = Body::from(body);

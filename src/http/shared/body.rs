@@ -2,7 +2,8 @@
 //!
 //! What can be refused by its headers is, at once; the body is thrown away meanwhile, for a bounded while: a server that
 //! answers and hangs up while a client still sends makes the client see a broken connection instead of the answer.
-//! Decompression stops where its output outgrows the limit, so a bomb costs no more than an honest body.
+//! Decompression stops where its output outgrows the limit, so a bomb costs no more than an honest body. All bodies
+//! together hold so many bytes at most ([`super::ration`]); beyond, the answer is 503.
 
 use std::io::Read;
 use std::time::Duration;
@@ -12,9 +13,10 @@ use axum::http::{HeaderMap, StatusCode, header};
 use bytes::{Bytes, BytesMut};
 use http_body_util::BodyExt;
 
-use super::Service;
 use super::negotiate::JSON;
 use super::problem::Problem;
+use super::ration::Share;
+use super::state::Service;
 
 /// How much of a refused body is received, as a multiple of the limit, and for how long.
 const PATIENCE: usize = 4;
@@ -34,6 +36,7 @@ pub struct Received {
     limit: usize,
     /// Which of the known media types it has.
     pub media: &'static str,
+    _share: Share,
 }
 
 impl Received {
@@ -56,18 +59,20 @@ impl Service {
         mut body: Body,
         known: &[&'static str],
     ) -> Result<Received, Problem> {
-        let limit = self.body_limit;
+        let limit = self.limits.body;
         let length = if announced(headers) > limit as u64 { Err(too_large(limit)) } else { Ok(()) };
         let checked = length.and_then(|()| Ok((media_type(headers, known)?, encoding(headers)?)));
         let (media, encoding) = checked.inspect_err(|_| self.discard(std::mem::take(&mut body)))?;
-        let raw = receive(body, limit).await?;
-        Ok(Received { raw, encoding, limit, media })
+        let mut share = self.bodies.none();
+        let raw = receive(body, limit, &mut |bytes| self.bodies.grow(&mut share, bytes)).await?;
+        Ok(Received { raw, encoding, limit, media, _share: share })
     }
 
     /// Throws away a body that will not be read: the answer goes out at once, and the client, which may still be sending,
     /// sees it.
     pub fn discard(&self, body: Body) {
-        tokio::spawn(receive(body, self.body_limit));
+        let limit = self.limits.body;
+        tokio::spawn(async move { receive(body, limit, &mut |_| false).await.map(drop) });
     }
 }
 
@@ -96,15 +101,23 @@ fn encoding(headers: &HeaderMap) -> Result<Encoding, Problem> {
     }
 }
 
-async fn receive(mut body: Body, limit: usize) -> Result<Bytes, Problem> {
+/// Receives a body. `may_hold` is asked for the bytes of each piece; a piece that it refuses is thrown away, and all that
+/// follow with it.
+async fn receive(
+    mut body: Body,
+    limit: usize,
+    may_hold: &mut (dyn FnMut(usize) -> bool + Send),
+) -> Result<Bytes, Problem> {
     let mut kept = BytesMut::new();
     let mut length = 0usize;
+    let mut crowded = false;
     let whole = async {
         while let Some(frame) = body.frame().await {
             let frame = frame.map_err(|error| unreadable(&error))?;
             let Ok(data) = frame.into_data() else { continue };
             length = length.saturating_add(data.len());
-            if length <= limit {
+            crowded = crowded || (length <= limit && !may_hold(data.len()));
+            if length <= limit && !crowded {
                 kept.extend_from_slice(&data);
             } else {
                 kept = BytesMut::new();
@@ -122,7 +135,14 @@ async fn receive(mut body: Body, limit: usize) -> Result<Bytes, Problem> {
             return Err(Problem::new(StatusCode::REQUEST_TIMEOUT, "timeout", "Timeout", "the body came too slowly"));
         }
     }
-    if length > limit { Err(too_large(limit)) } else { Ok(kept.freeze()) }
+    match (length > limit, crowded) {
+        (true, _) => Err(too_large(limit)),
+        (_, true) => {
+            let detail = "the service holds as many bytes of requests as it may; try again".into();
+            Err(Problem { detail, ..Problem::of_status(StatusCode::SERVICE_UNAVAILABLE) })
+        }
+        _ => Ok(kept.freeze()),
+    }
 }
 
 fn unpack(decoder: impl Read, limit: usize) -> Result<Bytes, Problem> {

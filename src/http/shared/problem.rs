@@ -1,14 +1,16 @@
 //! Errors as RFC 9457 problems.
 //!
-//! A handler returns a [`Problem`]; it travels in the response's extensions to [`super::conventions::finish`], which
+//! A handler returns a [`Problem`]; it travels in the response's extensions to [`crate::http::layers::conventions::finish`], which
 //! knows the request's id and path and writes the body.
 
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use serde_json::{Value, json};
+use serde::Serialize;
+use utoipa::{IntoResponses, ToSchema};
 
 use crate::jobs::{DocumentError, Fault};
 use crate::map::ArchiveError;
+use crate::map::npz::NpzError;
 use crate::render::RenderError;
 use crate::store::{ArtifactsError, StoreError};
 use crate::uncertainty::UncertaintyError;
@@ -21,7 +23,47 @@ pub struct Problem {
     pub slug: &'static str,
     pub title: &'static str,
     pub detail: String,
-    pub errors: Vec<Value>,
+    pub errors: Vec<FaultBody>,
+}
+
+/// An RFC 9457 problem.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Problem)]
+pub struct ProblemBody {
+    /// A stable URI that ends in a slug.
+    r#type: String,
+    title: &'static str,
+    status: u16,
+    detail: String,
+    instance: String,
+    request_id: String,
+    /// Of a 422: every fault.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schema(required = false)]
+    errors: Vec<FaultBody>,
+}
+
+/// One fault: of the body, by a JSON Pointer (RFC 6901), or of a query parameter, by its name.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = Fault)]
+pub struct FaultBody {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pointer: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub parameter: Option<String>,
+    pub detail: String,
+}
+
+/// How any route refuses.
+#[derive(IntoResponses)]
+#[allow(dead_code)]
+pub enum Refused {
+    /// What is wrong with the request
+    #[response(status = "4XX", content_type = "application/problem+json")]
+    ByClient(ProblemBody),
+    /// The service cannot answer now, or failed
+    #[response(status = "5XX", content_type = "application/problem+json")]
+    ByService(ProblemBody),
 }
 
 impl Problem {
@@ -66,14 +108,16 @@ impl Problem {
             [one] => format!("{}: {}", if one.pointer.is_empty() { "the document" } else { &one.pointer }, one.detail),
             many => format!("{} faults; see errors", many.len()),
         };
-        let errors = faults.into_iter().map(|f| json!({"pointer": f.pointer, "detail": f.detail})).collect();
+        let fault = |f: Fault| FaultBody { pointer: Some(f.pointer), parameter: None, detail: f.detail };
+        let errors = faults.into_iter().map(fault).collect();
         Self { errors, ..Self::unprocessable(detail) }
     }
 
     /// 422 with a fault a query parameter.
     pub fn invalid_parameters(faults: Vec<(String, String)>) -> Self {
         let detail = faults.iter().map(|(name, detail)| format!("{name} {detail}")).collect::<Vec<_>>().join("; ");
-        let errors = faults.into_iter().map(|(name, detail)| json!({"parameter": name, "detail": detail})).collect();
+        let fault = |(name, detail)| FaultBody { pointer: None, parameter: Some(name), detail };
+        let errors = faults.into_iter().map(fault).collect();
         Self { errors, ..Self::unprocessable(detail) }
     }
 
@@ -87,19 +131,16 @@ impl Problem {
     }
 
     /// The body, for a request's path and id.
-    pub fn to_json(&self, instance: &str, request_id: &str) -> Value {
-        let mut body = json!({
-            "type": format!("/problems/{}", self.slug),
-            "title": self.title,
-            "status": self.status.as_u16(),
-            "detail": self.detail,
-            "instance": instance,
-            "request_id": request_id,
-        });
-        if !self.errors.is_empty() {
-            body["errors"] = Value::Array(self.errors.clone());
+    pub fn body(&self, instance: &str, request_id: &str) -> ProblemBody {
+        ProblemBody {
+            r#type: format!("/problems/{}", self.slug),
+            title: self.title,
+            status: self.status.as_u16(),
+            detail: self.detail.clone(),
+            instance: instance.to_owned(),
+            request_id: request_id.to_owned(),
+            errors: self.errors.clone(),
         }
-        body
     }
 }
 
@@ -141,9 +182,13 @@ impl From<StoreError> for Problem {
 
 impl From<ArtifactsError> for Problem {
     fn from(error: ArtifactsError) -> Self {
-        match error {
-            ArtifactsError::Store(object_store::Error::NotFound { .. }) => Self::not_found("the map was deleted"),
-            other => Self::internal(&other),
+        match &error {
+            ArtifactsError::Store(object_store::Error::NotFound { .. }) => {
+                tracing::error!(%error, "an artifact is missing");
+                let detail = "the map's arrays are missing from the artifact store; its record is still there";
+                Self::new(StatusCode::INTERNAL_SERVER_ERROR, "artifact-missing", "The map's arrays are missing", detail)
+            }
+            _ => Self::internal(&error),
         }
     }
 }
@@ -170,4 +215,15 @@ impl From<tokio::task::JoinError> for Problem {
     fn from(error: tokio::task::JoinError) -> Self {
         Self::internal(&error)
     }
+}
+
+impl From<NpzError> for Problem {
+    fn from(error: NpzError) -> Self {
+        Self::internal(&error)
+    }
+}
+
+/// An answer's JSON.
+pub fn to_json(value: &impl Serialize) -> Result<Vec<u8>, Problem> {
+    serde_json::to_vec(value).map_err(|error| Problem::internal(&error))
 }

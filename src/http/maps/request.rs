@@ -11,13 +11,19 @@ use axum::http::request::Parts;
 use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 
-use super::AppState;
-use super::caching::{Queue, Tag};
-use super::negotiate::{Format, negotiate};
-use super::params::Params;
-use super::problem::Problem;
+use crate::http::shared::AppState;
+use crate::http::shared::compute::Queue;
+use crate::http::shared::negotiate::{Format, negotiate};
+use crate::http::shared::params::Params;
+use crate::http::shared::problem::Problem;
+use crate::http::shared::ration::sharing;
+use crate::http::shared::tag::Tag;
 use crate::jobs::MapRecord;
 use crate::map::FittedMap;
+use crate::uncertainty::Kind;
+
+/// The names of both covariances, the default first.
+pub const KINDS: [(&str, Kind); 2] = [("propagated", Kind::Propagated), ("posterior", Kind::Posterior)];
 
 /// A request for a map, its record found.
 pub struct MapRequest {
@@ -92,13 +98,14 @@ impl Wanted {
         make: impl FnOnce(&FittedMap, &MapRecord, Format) -> Result<Vec<u8>, Problem> + Send + 'static,
     ) -> Result<Response, Problem> {
         let map: Arc<FittedMap> = self.state.load(&self.record).await?;
-        let Self { state, record, format, tag } = self;
-        let body = state.compute(Queue::Answers, move || make(&map, &record, format)).await?;
-        Ok(tag.respond(format, body))
+        let (record, format) = (self.record.clone(), self.format);
+        let body = self.state.compute.run(Queue::Answers, move |_| make(&map, &record, format)).await?;
+        Ok(self.respond(body).await)
     }
 
-    /// The representation, made already.
-    pub fn respond(self, body: Vec<u8>) -> Response {
-        self.tag.respond(self.format, body)
+    /// The representation, made already. It waits where too many answers are on their way.
+    pub async fn respond(self, body: Vec<u8>) -> Response {
+        let share = self.state.answers.take(body.len()).await;
+        self.tag.respond(self.format, sharing(body.into(), share))
     }
 }

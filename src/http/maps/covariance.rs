@@ -3,16 +3,20 @@
 //! `diagonal` and `sparse` are stored with the map. `block` and `full` are solved for on demand, from the stored
 //! factors; `factors` hands those out. See [`crate::uncertainty`] for the two kinds.
 
-use axum::response::Response;
-use serde_json::json;
+use std::sync::Arc;
 
-use super::TENANT;
-use super::caching::{Queue, Waiting};
-use super::maps::{lattice_json, to_json};
-use super::negotiate::{Format, JSON, NPZ};
-use super::params::Params;
-use super::problem::Problem;
-use super::representation::{MapRequest, Settled};
+use axum::response::Response;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::arrays::OnLattice;
+use super::record::LatticeBody;
+use super::request::{KINDS, MapRequest, Settled, Wanted};
+use crate::http::shared::compute::{Leash, Queue};
+use crate::http::shared::negotiate::{Format, JSON, NPZ};
+use crate::http::shared::params::Params;
+use crate::http::shared::problem::{Problem, Refused, to_json};
+use crate::http::shared::state::TENANT;
 use crate::jobs::JobRequest;
 use crate::map::FittedMap;
 use crate::map::npz::NpzWriter;
@@ -25,8 +29,6 @@ const LARGEST_BLOCK: usize = 1024;
 /// Coefficients of a map whose `full` covariance is given: 128 MB.
 const LARGEST_FULL: usize = 4_000;
 
-pub(crate) const KINDS: [(&str, Kind); 2] = [("propagated", Kind::Propagated), ("posterior", Kind::Posterior)];
-
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Form {
     Diagonal,
@@ -37,12 +39,45 @@ enum Form {
 }
 
 /// A window of control points: first column and row, and how many.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
 struct Window {
     i0: usize,
     j0: usize,
     ni: usize,
     nj: usize,
+}
+
+/// Variances of the coefficients, square metres.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Diagonal)]
+struct DiagonalBody {
+    kind: Kind,
+    form: &'static str,
+    lattice: LatticeBody,
+    #[serde(flatten)]
+    values: OnLattice,
+}
+
+/// The dense covariance of a window's coefficients, square metres; null where a control point is not in use.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Block)]
+struct BlockBody {
+    kind: Kind,
+    form: &'static str,
+    #[schema(required)]
+    window: Option<Window>,
+    /// Row by row, x fastest within the window; a vector map has the x set before the y set.
+    matrix: Vec<Vec<Option<f64>>>,
+}
+
+/// Either, by `form`.
+#[derive(Debug, Serialize, ToSchema)]
+#[serde(untagged)]
+#[schema(as = Covariance)]
+#[allow(dead_code)]
+enum CovarianceBody {
+    Diagonal(DiagonalBody),
+    Block(BlockBody),
 }
 
 /// The covariance of a map's coefficients.
@@ -57,10 +92,10 @@ struct Window {
         ("format" = Option<String>, Query, description = "json or npz")),
     responses((status = 200, description = "`sdf` (diagonal), `matrix` (block, full), a scipy.sparse archive (sparse), \
             or Hessian and inputs in CSC parts (factors)",
-            content((super::openapi::DiagonalBody = "application/json"), (Vec<u8> = "application/x-npz"))),
+            content((CovarianceBody = "application/json"), (Vec<u8> = "application/x-npz"))),
         (status = 304, description = "unchanged"),
-        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
-pub async fn covariance(mut request: MapRequest) -> Result<Response, Problem> {
+        Refused))]
+pub async fn get_map_covariance(mut request: MapRequest) -> Result<Response, Problem> {
     let (lattice, params) = (&request.record.lattice, &mut request.params);
     let kind = params.choice("kind", &KINDS);
     let forms = [
@@ -92,25 +127,35 @@ pub async fn covariance(mut request: MapRequest) -> Result<Response, Problem> {
     };
     let n = wanted.record.lattice.len();
     let points: Vec<usize> = (0..components).flat_map(|k| one.iter().map(move |point| k * n + point)).collect();
-    let packed = wanted.state.workshop.records.request(TENANT, &wanted.record.job_id).await?;
+    let factors = factors(&wanted).await?;
+    let map = wanted.state.load(&wanted.record).await?;
+    let make = move |leash: &Leash| match form {
+        Form::Factors => Ok(factors_npz(&factors)?),
+        _ => dense(&factors, &map, (kind, leash), &points, window, format),
+    };
+    let body = wanted.state.compute.run(Queue::Heavy, make).await?;
+    Ok(wanted.respond(body).await)
+}
+
+/// What any entry is formed from: the fit's end, found again from the job's request and the map.
+async fn factors(wanted: &Wanted) -> Result<Arc<Factors>, Problem> {
+    let (state, record) = (&wanted.state, &wanted.record);
+    if let Some(known) = state.known_factors(&record.id) {
+        return Ok(known);
+    }
+    let packed = state.workshop.records.request(TENANT, &record.job_id).await?;
     let packed =
         packed.ok_or_else(|| Problem::not_found("the map's job is gone, and with it what this is formed from"))?;
-    let map = wanted.state.load(&wanted.record).await?;
-    let limits = wanted.state.workshop.limits;
-    let waiting = Waiting::default();
-    let go_on = waiting.asker();
-    let make = move || {
+    let map = state.load(record).await?;
+    let limits = state.workshop.limits;
+    let form = move |_: &Leash| {
         let json = zstd::decode_all(&packed[..]).map_err(|error| Problem::internal(&error))?;
         let request = JobRequest::parse(&json, &limits).map_err(|error| Problem::internal(&error))?;
-        let factors = request.factors(&map).map_err(|error| Problem::internal(&error))?;
-        if form == Form::Factors {
-            return Ok(factors_npz(&factors)?);
-        }
-        dense(&factors, &map, (kind, &go_on), &points, window, format)
+        Ok(Arc::new(request.factors(&map).map_err(|error| Problem::internal(&error))?))
     };
-    let body = wanted.state.compute(Queue::Answers, make).await?;
-    drop(waiting);
-    Ok(wanted.respond(body))
+    let formed = state.compute.run(Queue::Heavy, form).await?;
+    state.keep_factors(&record.id, &formed);
+    Ok(formed)
 }
 
 fn window(params: &mut Params, lattice: &Lattice) -> Option<Window> {
@@ -148,21 +193,20 @@ fn diagonal(map: &FittedMap, kind: Kind, format: Format) -> Result<Vec<u8>, Prob
         let arrays: Vec<(&str, &[f64])> = variances.iter().map(|(name, values)| (*name, &values[..])).collect();
         return Ok(on_lattice_npz(map.lattice(), &arrays)?);
     }
-    let mut body = json!({"kind": kind, "form": "diagonal", "lattice": lattice_json(map.lattice())});
-    variances.into_iter().for_each(|(name, values)| body[name] = json!(values));
-    to_json(&body)
+    let values = OnLattice::of(variances.iter().map(|(name, values)| (*name, &values[..])));
+    to_json(&DiagonalBody { kind, form: "diagonal", lattice: LatticeBody::of(map.lattice()), values })
 }
 
 fn dense(
     factors: &Factors,
     map: &FittedMap,
-    (kind, go_on): (Kind, &dyn Fn() -> bool),
+    (kind, leash): (Kind, &Leash),
     points: &[usize],
     window: Option<Window>,
     format: Format,
 ) -> Result<Vec<u8>, Problem> {
     let n = points.len();
-    let mut matrix = factors.block(kind, points, go_on)?;
+    let mut matrix = factors.block(kind, points, &|| leash.holds())?;
     let stencil = map.field.stencil();
     let unused = |k: usize| !stencil.is_active(points[k] % stencil.dimension());
     (0..n * n).filter(|k| unused(k / n) || unused(k % n)).for_each(|k| matrix[k] = f64::NAN);
@@ -171,7 +215,6 @@ fn dense(
         npz.array("matrix", &[n, n], &matrix)?;
         return Ok(npz.finish()?);
     }
-    let rows: Vec<&[f64]> = matrix.chunks(n).collect();
-    let window = window.map(|w| json!({"i0": w.i0, "j0": w.j0, "ni": w.ni, "nj": w.nj}));
-    to_json(&json!({"kind": kind, "form": "block", "window": window, "matrix": rows}))
+    let matrix = matrix.chunks(n).map(|row| row.iter().map(|v| Some(*v).filter(|v| v.is_finite())).collect()).collect();
+    to_json(&BlockBody { kind, form: "block", window, matrix })
 }

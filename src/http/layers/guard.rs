@@ -15,7 +15,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use sha2::{Digest, Sha256};
 
-use super::problem::Problem;
+use crate::http::shared::problem::Problem;
 
 /// Refuses what does not come from this machine, by the names it uses.
 pub async fn loopback_only(request: Request, next: Next) -> Response {

@@ -7,15 +7,15 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::AppState;
-use super::caching::Queue;
-use super::covariance::KINDS;
-use super::maps::to_json;
-use super::negotiate::{JSON, NPY, NPZ, negotiate};
-use super::params::Params;
-use super::problem::Problem;
+use super::request::KINDS;
 use crate::fit::Distance;
 use crate::geometry::{Cov2, Vec2};
+use crate::http::shared::AppState;
+use crate::http::shared::compute::Queue;
+use crate::http::shared::negotiate::{JSON, NPY, NPZ, negotiate};
+use crate::http::shared::params::Params;
+use crate::http::shared::problem::{Problem, Refused, to_json};
+use crate::http::shared::ration::sharing;
 use crate::jobs::Fault;
 use crate::jobs::document::Node;
 use crate::map::npz::{NpzError, NpzWriter};
@@ -72,7 +72,7 @@ pub struct QueryBody {
     #[schema(max_items = 250000)]
     pub points: Vec<[f64; 2]>,
     /// `propagated` (default) or `posterior`
-    pub kind: Option<String>,
+    pub kind: Option<Kind>,
     /// The arrays to answer with; all by default.
     pub fields: Option<Vec<String>>,
 }
@@ -109,8 +109,8 @@ struct Question {
     request_body(content((QueryBody = "application/json"), (Vec<u8> = "application/x-npy"))),
     responses((status = 200, description = "arrays in the points' order; npz has NaN for null",
             content((QueryAnswer = "application/json"), (Vec<u8> = "application/x-npz"))),
-        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
-pub async fn query(
+        Refused))]
+pub async fn query_map(
     State(state): State<AppState>,
     Path(id): Path<String>,
     uri: Uri,
@@ -136,7 +136,8 @@ pub async fn query(
     let fields = fields.and_then(Result::ok).unwrap_or([true; FIELDS.len()]);
     let map = state.load(&record).await?;
     let answer = state
-        .compute(Queue::Answers, move || {
+        .compute
+        .run(Queue::Answers, move |_| {
             let question = match received.media {
                 NPY => Question { points: points_of_npy(&received.unpack()?)?, kind, fields },
                 _ => parse(&received.unpack()?)?,
@@ -145,7 +146,8 @@ pub async fn query(
             if format == NPZ { Ok(answer_npz(&answer)?) } else { to_json(&answer) }
         })
         .await?;
-    Ok(([("content-type", format.media)], answer).into_response())
+    let share = state.answers.take(answer.len()).await;
+    Ok(([("content-type", format.media)], sharing(answer.into(), share)).into_response())
 }
 
 fn answer(map: &FittedMap, question: &Question) -> QueryAnswer {

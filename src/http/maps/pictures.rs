@@ -3,12 +3,12 @@
 use axum::response::Response;
 use serde_json::{Value, json};
 
-use super::covariance::KINDS;
-use super::maps::{FRAME, timestamp_of, to_json};
-use super::negotiate::{GEOJSON, JSON, NPZ, PNG, SVG, TIFF, ZIP};
-use super::params::Params;
-use super::problem::Problem;
-use super::representation::MapRequest;
+use super::record::FRAME;
+use super::request::{KINDS, MapRequest};
+use crate::http::shared::negotiate::{GEOJSON, JSON, NPZ, PNG, SVG, TIFF, ZIP};
+use crate::http::shared::page::timestamp;
+use crate::http::shared::params::Params;
+use crate::http::shared::problem::{Problem, Refused, to_json};
 use crate::jobs::MapRecord;
 use crate::map::FittedMap;
 use crate::render::{
@@ -35,8 +35,8 @@ const DEFAULT_WIDTH: usize = 900;
     responses((status = 200, description = "features with `properties.role` level and band, in metres of the map's frame",
             content((Object = "application/geo+json"), (String = "image/svg+xml"), (Vec<u8> = "image/png"))),
         (status = 304, description = "unchanged"),
-        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
-pub async fn contours(mut request: MapRequest) -> Result<Response, Problem> {
+        Refused))]
+pub async fn get_map_contours(mut request: MapRequest) -> Result<Response, Problem> {
     let params = &mut request.params;
     let level = params.number("level", -FARTHEST_LEVEL, FARTHEST_LEVEL).unwrap_or(0.0);
     let sigma_band = params.number("sigma_band", 1e-3, 100.0);
@@ -63,8 +63,8 @@ pub async fn contours(mut request: MapRequest) -> Result<Response, Problem> {
     responses((status = 200, description = "the fields of nav_msgs/OccupancyGrid; an image; or what Nav2's map_server loads",
             content((Object = "application/json"), (Vec<u8> = "image/png"), (Vec<u8> = "application/zip"))),
         (status = 304, description = "unchanged"),
-        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
-pub async fn ogm(mut request: MapRequest) -> Result<Response, Problem> {
+        Refused))]
+pub async fn get_map_ogm(mut request: MapRequest) -> Result<Response, Problem> {
     let (lattice, params) = (&request.record.lattice, &mut request.params);
     let resolution = params.number("resolution", 1e-4, 1e4).unwrap_or(lattice.resolution);
     let kind = params.choice("kind", &KINDS);
@@ -94,8 +94,8 @@ pub async fn ogm(mut request: MapRequest) -> Result<Response, Problem> {
             and `resolution`; or a GeoTIFF with a band a layer and the same corner",
             content((Vec<u8> = "application/x-npz"), (Vec<u8> = "image/tiff"))),
         (status = 304, description = "unchanged"),
-        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
-pub async fn grid(mut request: MapRequest) -> Result<Response, Problem> {
+        Refused))]
+pub async fn get_map_grid(mut request: MapRequest) -> Result<Response, Problem> {
     let (lattice, params) = (&request.record.lattice, &mut request.params);
     let resolution = params.number("resolution", 1e-4, 1e4).unwrap_or(lattice.resolution);
     let kind = params.choice("kind", &KINDS);
@@ -127,9 +127,9 @@ fn raster_layers(params: &mut Params) -> Vec<RasterLayer> {
 /// The field names of `nav_msgs/OccupancyGrid`.
 fn occupancy_json(grid: &OccupancyGrid, record: &MapRecord) -> Value {
     json!({
-        "header": {"frame_id": FRAME, "stamp": timestamp_of(record)},
+        "header": {"frame_id": FRAME, "stamp": timestamp(record.created)},
         "info": {
-            "map_load_time": timestamp_of(record),
+            "map_load_time": timestamp(record.created),
             "resolution": grid.resolution,
             "width": grid.width,
             "height": grid.height,
@@ -152,8 +152,8 @@ fn occupancy_json(grid: &OccupancyGrid, record: &MapRecord) -> Value {
         ("format" = Option<String>, Query, description = "png or svg")),
     responses((status = 200, description = "the picture", content((Vec<u8> = "image/png"), (String = "image/svg+xml"))),
         (status = 304, description = "unchanged"),
-        (status = "4XX", description = "what is wrong with the request", body = super::openapi::ProblemBody, content_type = "application/problem+json")))]
-pub async fn image(mut request: MapRequest) -> Result<Response, Problem> {
+        Refused))]
+pub async fn get_map_image(mut request: MapRequest) -> Result<Response, Problem> {
     let params = &mut request.params;
     let layers = [("distance", Layer::Distance), ("sigma", Layer::Sigma), ("occupancy", Layer::Occupancy)];
     let layer = params.choice("layer", &layers);

@@ -1,0 +1,7 @@
+//! Jobs: submission, states, lists, long poll, server-sent events, cancellation.
+
+pub mod events;
+pub mod record;
+pub mod schema;
+pub mod status;
+pub mod submit;

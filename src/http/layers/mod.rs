@@ -1,0 +1,5 @@
+//! What stands around every route: who may ask, and what holds for every answer.
+
+pub mod compression;
+pub mod conventions;
+pub mod guard;

@@ -1,0 +1,8 @@
+//! Maps: their records, arrays, covariance, points, pictures and grids.
+
+pub mod arrays;
+pub mod covariance;
+pub mod pictures;
+pub mod query;
+pub mod record;
+pub mod request;

@@ -1,0 +1,83 @@
+//! The one file that knows all routes, and what stands around them.
+//!
+//! A route is registered with its description (`routes!`), so what is served is what the document says.
+
+use std::sync::Arc;
+
+use axum::Router;
+use axum::http::StatusCode;
+use axum::middleware::from_fn;
+use axum::routing::get;
+use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::compression::CompressionLayer;
+use utoipa::OpenApi;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+use utoipa_swagger_ui::{Config, SwaggerUi};
+
+use super::about::{self, console};
+use super::jobs::{events, status, submit};
+use super::layers::compression::Texts;
+use super::layers::{conventions, guard};
+use super::maps::{arrays, covariance, pictures, query, record};
+use super::shared::problem::Problem;
+use super::shared::state::HttpLimits;
+use super::shared::{AppState, Service};
+use crate::worker::Workshop;
+
+#[derive(OpenApi)]
+#[openapi(
+    info(title = "mapfit", description = "Distance maps with their covariance, from laser scans."),
+    tags(
+        (name = "jobs", description = "Scans in: submission, states, cancellation"),
+        (name = "maps", description = "Maps out: coefficients, covariance, queries, pictures"),
+        (name = "service", description = "Health and documentation"),
+    )
+)]
+struct Contract;
+
+/// Every route that the document describes.
+fn described() -> OpenApiRouter<AppState> {
+    OpenApiRouter::with_openapi(Contract::openapi())
+        .routes(routes!(submit::submit_job, status::list_jobs))
+        .routes(routes!(status::get_job, status::cancel_job))
+        .routes(routes!(events::get_job_events))
+        .routes(routes!(status::get_job_request))
+        .routes(routes!(record::list_maps))
+        .routes(routes!(record::get_map, record::delete_map))
+        .routes(routes!(arrays::get_map_coefficients))
+        .routes(routes!(arrays::get_map_poses))
+        .routes(routes!(covariance::get_map_covariance))
+        .routes(routes!(query::query_map))
+        .routes(routes!(pictures::get_map_contours))
+        .routes(routes!(pictures::get_map_ogm))
+        .routes(routes!(pictures::get_map_grid))
+        .routes(routes!(pictures::get_map_image))
+        .routes(routes!(about::get_openapi))
+        .routes(routes!(about::get_livez))
+        .routes(routes!(about::get_readyz))
+}
+
+/// The OpenAPI document, as `openapi/openapi.json` has it.
+pub fn document() -> String {
+    // A document is plain data: writing it as JSON cannot fail.
+    described().into_openapi().to_pretty_json().unwrap_or_default() + "\n"
+}
+
+/// The service.
+pub fn router(workshop: Arc<Workshop>, limits: HttpLimits) -> Router {
+    let state: AppState = Arc::new(Service::new(workshop, limits, document()));
+    let docs = SwaggerUi::new("/docs").config(Config::from("/openapi.json").validator_url("none"));
+    let (routes, _) = described().split_for_parts();
+    routes
+        .route("/", get(console))
+        .with_state(state)
+        .merge(docs)
+        .fallback(|| async { Problem::not_found("no such resource") })
+        .method_not_allowed_fallback(|| async { Problem::of_status(StatusCode::METHOD_NOT_ALLOWED) })
+        .layer(CatchPanicLayer::custom(conventions::after_panic))
+        .layer(from_fn(guard::loopback_only))
+        .layer(from_fn(guard::secured))
+        .layer(from_fn(conventions::finish))
+        .layer(CompressionLayer::new().compress_when(Texts))
+}

@@ -1,0 +1,124 @@
+//! Work that takes milliseconds or more: off the threads that answer, a bounded number at a time, and only while somebody
+//! waits for it.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use axum::http::StatusCode;
+use tokio::sync::Semaphore;
+
+use super::problem::Problem;
+
+/// Which work waits for which: a submission never waits for a map's answers, nor a small answer for heavy ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Queue {
+    /// Requests being read: short.
+    Requests,
+    /// Answers made from maps' arrays.
+    Answers,
+    /// Answers that form a fit's factors anew: seconds, and much memory, so one at a time.
+    Heavy,
+}
+
+/// Bounds on how much is computed at once.
+pub struct Compute {
+    requests: Arc<Semaphore>,
+    answers: Arc<Semaphore>,
+    heavy: Arc<Semaphore>,
+    /// How long an answer may take, from the moment it is asked for.
+    patience: Duration,
+}
+
+/// Whether work should go on: its client still waits, and its time is not up.
+#[derive(Debug, Clone)]
+pub struct Leash {
+    left: Arc<AtomicBool>,
+    until: Instant,
+}
+
+impl Leash {
+    pub fn holds(&self) -> bool {
+        !self.left.load(Ordering::Relaxed) && Instant::now() < self.until
+    }
+}
+
+/// Lives as long as the client waits.
+struct Waiting(Arc<AtomicBool>);
+
+impl Drop for Waiting {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+impl Compute {
+    /// Bounds for this machine. `patience` is how long an answer may take.
+    pub fn new(patience: Duration) -> Self {
+        let cores = std::thread::available_parallelism().map_or(2, |n| n.get());
+        let permits = |count| Arc::new(Semaphore::new(count));
+        Self { requests: permits(cores), answers: permits(cores), heavy: permits(1), patience }
+    }
+
+    /// Runs work when its turn comes. It is told by a [`Leash`] whether to go on; past its time the answer is 503.
+    pub async fn run<T: Send + 'static>(
+        &self,
+        queue: Queue,
+        work: impl FnOnce(&Leash) -> Result<T, Problem> + Send + 'static,
+    ) -> Result<T, Problem> {
+        let permits = match queue {
+            Queue::Requests => &self.requests,
+            Queue::Answers => &self.answers,
+            Queue::Heavy => &self.heavy,
+        };
+        let leash = Leash { left: Arc::default(), until: Instant::now() + self.patience };
+        let waiting = Waiting(leash.left.clone());
+        let until = leash.until;
+        let turn = async {
+            // The semaphores are never closed, so a permit always comes. It goes with the work, not with the client: one
+            // that leaves does not make room for another while its work still runs.
+            let permit = permits.clone().acquire_owned().await.ok();
+            let work = move || {
+                let _permit = permit;
+                if leash.holds() { work(&leash) } else { Err(too_slow()) }
+            };
+            tokio::task::spawn_blocking(work).await?
+        };
+        let answer = tokio::time::timeout_at(until.into(), turn).await.unwrap_or_else(|_| Err(too_slow()));
+        drop(waiting);
+        answer
+    }
+}
+
+fn too_slow() -> Problem {
+    let detail =
+        "the answer took longer than a request may (--request-seconds); the service is busy, or it asks for much";
+    Problem { detail: detail.into(), ..Problem::of_status(StatusCode::SERVICE_UNAVAILABLE) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn work_is_told_when_its_client_leaves_and_when_its_time_is_up() {
+        let compute = Compute::new(Duration::from_millis(300));
+        let (tell, told) = std::sync::mpsc::channel();
+        let asked = compute.run(Queue::Answers, move |leash| {
+            while leash.holds() {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            tell.send(()).ok();
+            Ok(())
+        });
+        drop(tokio::time::timeout(Duration::from_millis(50), asked).await);
+        assert!(told.recv_timeout(Duration::from_millis(200)).is_ok(), "the client left");
+        let slow = compute.run(Queue::Heavy, |leash| {
+            while leash.holds() {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            Ok(())
+        });
+        assert_eq!(slow.await.unwrap_err().status, StatusCode::SERVICE_UNAVAILABLE);
+    }
+}

@@ -1,0 +1,114 @@
+//! What every handler shares.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::cache::Cache;
+use super::compute::{Compute, Queue};
+use super::problem::Problem;
+use super::ration::Ration;
+use crate::jobs::{Job, MapRecord};
+use crate::map::FittedMap;
+use crate::uncertainty::Factors;
+use crate::worker::Workshop;
+
+pub struct Service {
+    pub workshop: Arc<Workshop>,
+    pub compute: Compute,
+    pub limits: HttpLimits,
+    /// Bytes of request bodies, and of answers on their way, that are held at once.
+    pub bodies: Ration,
+    pub answers: Ration,
+    /// The OpenAPI document.
+    pub document: String,
+    maps: Cache<FittedMap>,
+    /// By map: what any entry of its covariance is formed from.
+    factors: Cache<Factors>,
+}
+
+pub type AppState = Arc<Service>;
+
+/// The tenant of requests without a key; with API keys each key will bring its own.
+pub const TENANT: &str = "default";
+
+/// What the HTTP side may use of the machine.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HttpLimits {
+    /// Bytes a request body may have after decompression.
+    pub body: usize,
+    /// Bytes of all request bodies that are held at once, and of all answers on their way.
+    pub bodies: usize,
+    pub answers: usize,
+    /// Bytes of loaded maps, and of factors, that are kept for the next request.
+    pub cache: usize,
+    /// How long an answer may take.
+    pub patience: Duration,
+    /// Open connections.
+    pub connections: usize,
+}
+
+impl Default for HttpLimits {
+    fn default() -> Self {
+        Self {
+            body: 64 << 20,
+            bodies: 128 << 20,
+            answers: 128 << 20,
+            cache: 256 << 20,
+            patience: Duration::from_secs(60),
+            connections: 8192,
+        }
+    }
+}
+
+impl Service {
+    pub fn new(workshop: Arc<Workshop>, limits: HttpLimits, document: String) -> Self {
+        Self {
+            workshop,
+            document,
+            limits,
+            compute: Compute::new(limits.patience),
+            bodies: Ration::new(limits.bodies),
+            answers: Ration::new(limits.answers),
+            maps: Cache::new(limits.cache / 2),
+            factors: Cache::new(limits.cache / 2),
+        }
+    }
+
+    /// A job, 404 where there is none.
+    pub async fn job(&self, id: &str) -> Result<Job, Problem> {
+        let job = self.workshop.records.job(TENANT, id).await?;
+        job.ok_or_else(|| Problem::not_found(format!("there is no job {id}")))
+    }
+
+    /// A map's record, 404 where there is none.
+    pub async fn map_record(&self, id: &str) -> Result<MapRecord, Problem> {
+        let record = self.workshop.records.map(TENANT, id).await?;
+        record.ok_or_else(|| Problem::not_found(format!("there is no map {id}")))
+    }
+
+    /// A map's arrays, from memory or from its artifacts.
+    pub async fn load(&self, record: &MapRecord) -> Result<Arc<FittedMap>, Problem> {
+        if let Some(map) = self.maps.get(&record.id) {
+            return Ok(map);
+        }
+        let bytes = self.workshop.artifacts.get(&record.prefix, "map.npz").await?;
+        let map = self.compute.run(Queue::Answers, move |_| Ok(Arc::new(FittedMap::from_npz(&bytes)?))).await?;
+        self.maps.keep(&record.id, map.clone(), map.held_bytes());
+        Ok(map)
+    }
+
+    /// What any entry of a map's covariance is formed from, where it was formed lately.
+    pub fn known_factors(&self, map_id: &str) -> Option<Arc<Factors>> {
+        self.factors.get(map_id)
+    }
+
+    pub fn keep_factors(&self, map_id: &str, factors: &Arc<Factors>) {
+        self.factors.keep(map_id, factors.clone(), factors.held_bytes());
+    }
+
+    /// Forgets a deleted map.
+    pub fn forget(&self, id: &str) {
+        self.maps.forget(id);
+        self.factors.forget(id);
+    }
+}
