@@ -18,7 +18,8 @@ fn judge(script: &str, arguments: &[&str]) {
     };
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/judges").join(script);
     let output = Command::new(python).arg(script).args(arguments).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let said = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+    assert!(output.status.success(), "{}", said.concat());
 }
 
 #[test]
@@ -109,4 +110,18 @@ fn a_validator_accepts_the_openapi_document() {
     let file = files.path().join("openapi.json");
     std::fs::write(&file, server.get("/openapi.json").body).unwrap();
     judge("openapi.py", &[file.to_str().unwrap()]);
+}
+
+#[test]
+fn a_generated_client_carries_a_job_to_its_map() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 1);
+    judge("client.py", &[&server.url]);
+}
+
+#[test]
+fn schemathesis_finds_the_document_true() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 1);
+    judge("conformance.py", &[&server.url]);
 }

@@ -89,3 +89,78 @@ fn every_room_is_on_the_list() {
         assert!(["lib", "main"].contains(&&*name) || ROOMS.contains(&&*name), "{name} is in no layer");
     }
 }
+
+/// What a file's `use` names, as a path from `crate`; `super` is resolved. Groups are opened.
+fn used(file: &Path) -> Vec<String> {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let module = module_of(file.strip_prefix(&source).unwrap());
+    let code = code(file);
+    let uses = code.split(';').filter_map(|statement| {
+        let line =
+            statement.lines().skip_while(|line| !line.trim_start().starts_with("use ") && !line.contains("pub use "));
+        let text: String = line.collect::<Vec<_>>().join(" ");
+        text.split_once("use ").map(|(_, path)| path.split_whitespace().collect::<String>())
+    });
+    let flat = uses.flat_map(|path| match path.split_once("::{") {
+        Some((head, group)) => {
+            group.trim_end_matches('}').split(',').map(|name| format!("{head}::{name}")).collect::<Vec<_>>()
+        }
+        None => vec![path],
+    });
+    flat.filter_map(|path| {
+        let mut at: Vec<&str> = module.iter().map(String::as_str).collect();
+        let mut parts = path.split("::").peekable();
+        match parts.next()? {
+            "crate" => at.clear(),
+            "self" => {}
+            "super" => {
+                at.pop();
+                while parts.next_if_eq(&"super").is_some() {
+                    at.pop();
+                }
+            }
+            _ => return None,
+        }
+        at.extend(parts);
+        Some(at.join("::"))
+    })
+    .collect()
+}
+
+fn module_of(file: &Path) -> Vec<String> {
+    let mut parts: Vec<String> =
+        file.with_extension("").iter().map(|part| part.to_string_lossy().into_owned()).collect();
+    if parts.last().is_some_and(|last| last == "mod") {
+        parts.pop();
+    }
+    parts
+}
+
+/// A folder's `mod.rs` hands names on, so it counts with what defines them: only other files are held to this.
+#[test]
+fn no_two_files_use_each_other_in_a_circle() {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let files: Vec<PathBuf> = rust_files(&source).into_iter().filter(|file| !is_test(file)).collect();
+    let leaf =
+        |file: &&PathBuf| !["mod.rs", "lib.rs", "main.rs"].contains(&&*file.file_name().unwrap().to_string_lossy());
+    let modules: Vec<(String, Vec<String>)> = files
+        .iter()
+        .filter(leaf)
+        .map(|file| (module_of(file.strip_prefix(&source).unwrap()).join("::"), used(file)))
+        .collect();
+    let mut next: std::collections::BTreeMap<&str, Vec<&str>> = modules
+        .iter()
+        .map(|(module, used)| {
+            let others = modules.iter().map(|(other, _)| other.as_str()).filter(|other| *other != module);
+            let named = |other: &&str| used.iter().any(|path| path == other || path.starts_with(&format!("{other}::")));
+            (module.as_str(), others.filter(named).collect())
+        })
+        .collect();
+    assert!(next.values().map(Vec::len).sum::<usize>() > 150, "uses are read");
+    // What uses nothing that is left is in no circle.
+    while let Some(done) = next.iter().find(|(_, used)| used.iter().all(|other| !next.contains_key(other))) {
+        let done = *done.0;
+        next.remove(done);
+    }
+    assert!(next.is_empty(), "in a circle, or above one: {:#?}", next.keys());
+}

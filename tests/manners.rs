@@ -120,3 +120,96 @@ fn packed_bodies_are_unpacked_a_few_at_a_time() {
     println!("peak memory {peak} MiB");
     assert!(peak < 700, "{peak} MiB");
 }
+
+#[test]
+fn a_connection_that_sends_no_header_is_closed() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 0);
+    let address = server.url.trim_start_matches("http://").to_owned();
+    let silent: Vec<TcpStream> = (0..300).map(|_| TcpStream::connect(&address).unwrap()).collect();
+    let mut slow = TcpStream::connect(&address).unwrap();
+    slow.write_all(b"GET /livez HTTP/1.1\r\nHost: localh").unwrap();
+    assert_eq!(server.get("/livez").status, 200, "three hundred idle connections keep nobody out");
+    for mut stream in silent.into_iter().take(3).chain([slow]) {
+        stream.set_read_timeout(Some(Duration::from_secs(45))).unwrap();
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).expect("it is closed, not kept open");
+    }
+}
+
+#[test]
+fn readiness_is_a_write_that_succeeds() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 0);
+    assert_eq!(server.get("/readyz").status, 200);
+    // Another process holds the writer's lock, and lets it go again.
+    let database = data.path().join("mapfit.sqlite");
+    let (held, hold) = std::sync::mpsc::channel();
+    let (release, released) = std::sync::mpsc::channel::<()>();
+    let holder = std::thread::spawn(move || {
+        tokio::runtime::Runtime::new().unwrap().block_on(async {
+            use sqlx::Connection;
+            let mut other =
+                sqlx::sqlite::SqliteConnection::connect(&format!("sqlite://{}", database.display())).await.unwrap();
+            let tx = other.begin_with("BEGIN IMMEDIATE").await.unwrap();
+            held.send(()).unwrap();
+            released.recv().unwrap();
+            tx.rollback().await.unwrap();
+        });
+    });
+    hold.recv().unwrap();
+    std::thread::sleep(Duration::from_millis(1100));
+    server.get("/readyz").problem(503);
+    release.send(()).unwrap();
+    holder.join().unwrap();
+    let begun = Instant::now();
+    while server.get("/readyz").status != 200 {
+        assert!(begun.elapsed() < Duration::from_secs(20), "it is ready again without a restart");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}
+
+#[test]
+fn texts_are_compressed_where_the_client_says_so_and_files_are_not() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 1);
+    let own = format!("/v1/maps/{}", server.map_of(&small(1)));
+    for (path, encoding) in
+        [("coefficients", "zstd"), ("contours", "zstd"), ("coefficients?format=npz", ""), ("image", "")]
+    {
+        let headers = [("accept-encoding", "zstd")];
+        let answer = server.send("GET", &format!("{own}/{path}"), &headers, None);
+        assert_eq!((answer.status, answer.header("content-encoding")), (200, encoding), "{path}");
+        if encoding == "zstd" {
+            assert_eq!(zstd::decode_all(&answer.body[..]).unwrap(), server.get(&format!("{own}/{path}")).body);
+        }
+    }
+}
+
+#[test]
+fn what_a_crash_left_half_written_is_swept_and_an_ended_job_can_be_removed() {
+    let data = tempfile::tempdir().unwrap();
+    let left = data.path().join("artifacts/attempts/01900000-0000-7000-8000-000000000000/1");
+    std::fs::create_dir_all(&left).unwrap();
+    std::fs::write(left.join("map.npz#1"), b"half").unwrap();
+    let server = Server::start(data.path(), 1);
+    let begun = Instant::now();
+    while left.exists() {
+        assert!(begun.elapsed() < Duration::from_secs(10), "it is still there");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let map = server.map_of(&small(1));
+    let job = server.get(&format!("/v1/maps/{map}")).json()["job_id"].as_str().unwrap().to_owned();
+    server.delete(&format!("/v1/jobs/{job}?purge=true")).problem(409);
+    assert_eq!(server.delete(&format!("/v1/maps/{map}")).status, 204);
+    assert_eq!(server.delete(&format!("/v1/jobs/{job}?purge=true")).status, 204);
+    server.get(&format!("/v1/jobs/{job}")).problem(404);
+}
+
+#[test]
+fn labels_by_the_thousand_are_a_fault_not_a_failure() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 0);
+    let query = vec!["label=a:b"; 2000].join("&");
+    server.get(&format!("/v1/jobs?{query}")).problem(422);
+}

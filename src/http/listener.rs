@@ -13,7 +13,7 @@ use hyper_util::server::conn::auto::Builder;
 use hyper_util::server::graceful::GracefulShutdown;
 use hyper_util::service::TowerToHyperService;
 use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
+use tokio::sync::{Semaphore, watch};
 use tokio_io_timeout::TimeoutStream;
 
 /// From the end of the last answer to the end of the next request's header.
@@ -25,11 +25,13 @@ const BREATH: Duration = Duration::from_millis(50);
 
 /// Serves until `shutdown` resolves, then lets answers under way end.
 pub async fn serve(listener: TcpListener, app: Router, connections: usize, shutdown: impl Future<Output = ()>) {
-    let mut builder = Builder::new(TokioExecutor::new());
+    // Telling HTTP/2 from 1 would wait for a connection's first bytes, for ever.
+    let mut builder = Builder::new(TokioExecutor::new()).http1_only();
     builder.http1().timer(TokioTimer::new()).header_read_timeout(HEADER_WITHIN);
-    builder.http2().timer(TokioTimer::new()).keep_alive_interval(Some(HEADER_WITHIN));
     let open = Arc::new(Semaphore::new(connections));
     let graceful = GracefulShutdown::new();
+    // Dropped when the service closes, which ends waiting for a connection's first byte.
+    let (closing, closed) = watch::channel(());
     tokio::pin!(shutdown);
     loop {
         let accepted = async {
@@ -49,19 +51,27 @@ pub async fn serve(listener: TcpListener, app: Router, connections: usize, shutd
                 continue;
             }
         };
-        let _ = stream.set_nodelay(true);
-        let mut stream = TimeoutStream::new(stream);
-        stream.set_write_timeout(Some(TAKEN_WITHIN));
-        let service = TowerToHyperService::new(app.clone());
-        let connection = builder.serve_connection_with_upgrades(TokioIo::new(Box::pin(stream)), service).into_owned();
-        let connection = graceful.watch(connection);
+        let (builder, app, watcher) = (builder.clone(), app.clone(), graceful.watcher());
+        let mut closed = closed.clone();
         tokio::spawn(async move {
             let _place = place;
-            if let Err(error) = connection.await {
+            let _ = stream.set_nodelay(true);
+            // hyper's own time limit begins with the first byte.
+            let mut first = [0; 1];
+            tokio::select! {
+                _ = stream.peek(&mut first) => {}
+                () = tokio::time::sleep(HEADER_WITHIN) => return,
+                _ = closed.changed() => return,
+            }
+            let mut stream = TimeoutStream::new(stream);
+            stream.set_write_timeout(Some(TAKEN_WITHIN));
+            let service = TowerToHyperService::new(app);
+            let connection = builder.serve_connection_with_upgrades(TokioIo::new(Box::pin(stream)), service);
+            if let Err(error) = watcher.watch(connection.into_owned()).await {
                 tracing::debug!(%error, "a connection ended early");
             }
         });
     }
-    drop(listener);
+    drop((listener, closing));
     graceful.shutdown().await;
 }

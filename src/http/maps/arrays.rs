@@ -8,7 +8,7 @@ use super::record::LatticeBody;
 use super::request::MapRequest;
 use crate::fit::Poses;
 use crate::geometry::{Cov3, Pose};
-use crate::http::shared::negotiate::{JSON, NPZ};
+use crate::http::shared::negotiate::{Binary, JSON, NPZ};
 use crate::http::shared::problem::{Problem, Refused, to_json};
 use crate::jobs::MapRecord;
 use crate::map::{FittedMap, on_lattice_npz};
@@ -52,7 +52,7 @@ struct CoefficientsBody {
 
 /// The poses of a map's scans.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(as = Poses)]
+#[schema(as = FittedPoses)]
 struct PosesBody {
     treatment: Poses,
     poses: Vec<FittedPose>,
@@ -70,10 +70,10 @@ struct FittedPose {
 
 /// A map's coefficients, x fastest.
 #[utoipa::path(get, operation_id = "get_map_coefficients", path = "/v1/maps/{id}/coefficients", tag = "maps",
-    params(("id" = String, Path), ("format" = Option<String>, Query, description = "json or npz")),
+    params(("id" = String, Path), ("format" = Option<String>, Query, pattern = "^(json|npz)$", description = "json or npz")),
     responses((status = 200, description = "`{lattice, sdf}` or `{lattice, vdf_x, vdf_y}`; or npz with those of shape (ny+3, nx+3), \
             `origin`, `resolution`. Null (NaN) where a control point is not in use",
-            content((CoefficientsBody = "application/json"), (Vec<u8> = "application/x-npz"))),
+            content((CoefficientsBody = "application/json"), (Binary = "application/x-npz"))),
         (status = 304, description = "unchanged"),
         Refused))]
 pub async fn get_map_coefficients(request: MapRequest) -> Result<Response, Problem> {

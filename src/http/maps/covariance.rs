@@ -13,7 +13,7 @@ use super::arrays::OnLattice;
 use super::record::LatticeBody;
 use super::request::{KINDS, MapRequest, Settled, Wanted};
 use crate::http::shared::compute::{Leash, Queue};
-use crate::http::shared::negotiate::{Format, JSON, NPZ};
+use crate::http::shared::negotiate::{Binary, Format, JSON, NPZ};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused, to_json};
 use crate::http::shared::state::TENANT;
@@ -83,16 +83,16 @@ enum CovarianceBody {
 /// The covariance of a map's coefficients.
 #[utoipa::path(get, operation_id = "get_map_covariance", path = "/v1/maps/{id}/covariance", tag = "maps",
     params(("id" = String, Path),
-        ("kind" = Option<String>, Query, description = "propagated (default) or posterior"),
-        ("form" = Option<String>, Query, description = "diagonal (default), block, sparse, full or factors"),
+        ("kind" = Option<String>, Query, pattern = "^(propagated|posterior)$", description = "propagated (default) or posterior"),
+        ("form" = Option<String>, Query, pattern = "^(diagonal|block|sparse|full|factors)$", description = "diagonal (default), block, sparse, full or factors"),
         ("i0" = Option<u32>, Query, description = "block: first control point along x"),
         ("j0" = Option<u32>, Query, description = "block: first control point along y"),
         ("ni" = Option<u32>, Query, description = "block: control points along x"),
         ("nj" = Option<u32>, Query, description = "block: control points along y"),
-        ("format" = Option<String>, Query, description = "json or npz")),
+        ("format" = Option<String>, Query, pattern = "^(json|npz)$", description = "json or npz")),
     responses((status = 200, description = "`sdf` (diagonal), `matrix` (block, full), a scipy.sparse archive (sparse), \
             or Hessian and inputs in CSC parts (factors)",
-            content((CovarianceBody = "application/json"), (Vec<u8> = "application/x-npz"))),
+            content((CovarianceBody = "application/json"), (Binary = "application/x-npz"))),
         (status = 304, description = "unchanged"),
         Refused))]
 pub async fn get_map_covariance(mut request: MapRequest) -> Result<Response, Problem> {

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::record::FRAME;
 use super::request::{KINDS, MapRequest};
-use crate::http::shared::negotiate::{GEOJSON, JSON, NPZ, PNG, SVG, TIFF, ZIP};
+use crate::http::shared::negotiate::{Binary, GEOJSON, JSON, NPZ, PNG, SVG, TIFF, ZIP};
 use crate::http::shared::page::timestamp;
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused, to_json};
@@ -27,13 +27,13 @@ const DEFAULT_WIDTH: usize = 900;
 /// A level line of the distance, and the band it lies in.
 #[utoipa::path(get, operation_id = "get_map_contours", path = "/v1/maps/{id}/contours", tag = "maps",
     params(("id" = String, Path),
-        ("level" = Option<f64>, Query, description = "metres; 0 by default: the walls"),
-        ("sigma_band" = Option<f64>, Query, description = "adds the band of that many standard deviations"),
-        ("kind" = Option<String>, Query, description = "propagated (default) or posterior"),
+        ("level" = Option<f64>, Query, minimum = -1000000, maximum = 1000000, description = "metres; 0 by default: the walls"),
+        ("sigma_band" = Option<f64>, Query, minimum = 0.001, maximum = 100, description = "adds the band of that many standard deviations"),
+        ("kind" = Option<String>, Query, pattern = "^(propagated|posterior)$", description = "propagated (default) or posterior"),
         ("width" = Option<u32>, Query, minimum = 200, maximum = 4096, description = "pixels, for svg and png"),
-        ("format" = Option<String>, Query, description = "geojson, svg or png")),
+        ("format" = Option<String>, Query, pattern = "^(geojson|json|svg|png)$", description = "geojson, svg or png")),
     responses((status = 200, description = "features with `properties.role` level and band, in metres of the map's frame",
-            content((Object = "application/geo+json"), (String = "image/svg+xml"), (Vec<u8> = "image/png"))),
+            content((Object = "application/geo+json"), (Object = "application/json"), (String = "image/svg+xml"), (Binary = "image/png"))),
         (status = 304, description = "unchanged"),
         Refused))]
 pub async fn get_map_contours(mut request: MapRequest) -> Result<Response, Problem> {
@@ -57,11 +57,11 @@ pub async fn get_map_contours(mut request: MapRequest) -> Result<Response, Probl
 /// The occupancy grid map.
 #[utoipa::path(get, operation_id = "get_map_ogm", path = "/v1/maps/{id}/ogm", tag = "maps",
     params(("id" = String, Path),
-        ("resolution" = Option<f64>, Query, description = "metres a cell; the lattice's by default"),
-        ("kind" = Option<String>, Query, description = "propagated (default) or posterior"),
-        ("format" = Option<String>, Query, description = "json, png or zip (map.yaml and map.pgm for Nav2)")),
+        ("resolution" = Option<f64>, Query, minimum = 0.0001, maximum = 10000, description = "metres a cell; the lattice's by default"),
+        ("kind" = Option<String>, Query, pattern = "^(propagated|posterior)$", description = "propagated (default) or posterior"),
+        ("format" = Option<String>, Query, pattern = "^(json|png|zip)$", description = "json, png or zip (map.yaml and map.pgm for Nav2)")),
     responses((status = 200, description = "the fields of nav_msgs/OccupancyGrid; an image; or what Nav2's map_server loads",
-            content((Object = "application/json"), (Vec<u8> = "image/png"), (Vec<u8> = "application/zip"))),
+            content((Object = "application/json"), (Binary = "image/png"), (Binary = "application/zip"))),
         (status = 304, description = "unchanged"),
         Refused))]
 pub async fn get_map_ogm(mut request: MapRequest) -> Result<Response, Problem> {
@@ -86,13 +86,13 @@ pub async fn get_map_ogm(mut request: MapRequest) -> Result<Response, Problem> {
 /// Rasters for planners: distance, sigma and clearance at cell centres, NaN where nothing was observed.
 #[utoipa::path(get, operation_id = "get_map_grid", path = "/v1/maps/{id}/grid", tag = "maps",
     params(("id" = String, Path),
-        ("layers" = Option<String>, Query, description = "distance, sigma, clearance; comma-separated, all by default"),
-        ("resolution" = Option<f64>, Query, description = "metres a cell; the lattice's by default"),
-        ("kind" = Option<String>, Query, description = "propagated (default) or posterior"),
-        ("format" = Option<String>, Query, description = "npz or tiff")),
+        ("layers" = Option<String>, Query, pattern = "^(distance|sigma|clearance)(,(distance|sigma|clearance))*$", description = "distance, sigma, clearance; comma-separated, all by default"),
+        ("resolution" = Option<f64>, Query, minimum = 0.0001, maximum = 10000, description = "metres a cell; the lattice's by default"),
+        ("kind" = Option<String>, Query, pattern = "^(propagated|posterior)$", description = "propagated (default) or posterior"),
+        ("format" = Option<String>, Query, pattern = "^(npz|tiff)$", description = "npz or tiff")),
     responses((status = 200, description = "float32 arrays by the layers' names, lowest y first, with `origin` (the lower left corner) \
             and `resolution`; or a GeoTIFF with a band a layer and the same corner",
-            content((Vec<u8> = "application/x-npz"), (Vec<u8> = "image/tiff"))),
+            content((Binary = "application/x-npz"), (Binary = "image/tiff"))),
         (status = 304, description = "unchanged"),
         Refused))]
 pub async fn get_map_grid(mut request: MapRequest) -> Result<Response, Problem> {
@@ -145,12 +145,12 @@ fn occupancy_json(grid: &OccupancyGrid, record: &MapRecord) -> Value {
 /// A picture with axes in metres and a colour bar.
 #[utoipa::path(get, operation_id = "get_map_image", path = "/v1/maps/{id}/image", tag = "maps",
     params(("id" = String, Path),
-        ("layer" = Option<String>, Query, description = "distance (default), sigma or occupancy"),
-        ("overlay" = Option<String>, Query, description = "contour, points, poses; comma-separated"),
-        ("kind" = Option<String>, Query, description = "propagated (default) or posterior"),
+        ("layer" = Option<String>, Query, pattern = "^(distance|sigma|occupancy)$", description = "distance (default), sigma or occupancy"),
+        ("overlay" = Option<String>, Query, pattern = "^$|^(contour|points|poses)(,(contour|points|poses))*$", description = "contour, points, poses; comma-separated"),
+        ("kind" = Option<String>, Query, pattern = "^(propagated|posterior)$", description = "propagated (default) or posterior"),
         ("width" = Option<u32>, Query, minimum = 200, maximum = 4096, description = "pixels"),
-        ("format" = Option<String>, Query, description = "png or svg")),
-    responses((status = 200, description = "the picture", content((Vec<u8> = "image/png"), (String = "image/svg+xml"))),
+        ("format" = Option<String>, Query, pattern = "^(png|svg)$", description = "png or svg")),
+    responses((status = 200, description = "the picture", content((Binary = "image/png"), (String = "image/svg+xml"))),
         (status = 304, description = "unchanged"),
         Refused))]
 pub async fn get_map_image(mut request: MapRequest) -> Result<Response, Problem> {

@@ -4,7 +4,7 @@ use axum::body::Body;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, Uri};
 use axum::response::{IntoResponse, Response};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::request::KINDS;
@@ -12,7 +12,7 @@ use crate::fit::Distance;
 use crate::geometry::{Cov2, Vec2};
 use crate::http::shared::AppState;
 use crate::http::shared::compute::Queue;
-use crate::http::shared::negotiate::{JSON, NPY, NPZ, negotiate};
+use crate::http::shared::negotiate::{Binary, JSON, NPY, NPZ, negotiate};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused, to_json};
 use crate::http::shared::ration::sharing;
@@ -64,17 +64,41 @@ pub struct QueryAnswer {
     pub vector_covariance: Option<Vec<Option<[f64; 3]>>>,
 }
 
+/// [x, y], metres.
+#[derive(Debug, Deserialize, ToSchema)]
+#[schema(min_items = 2, max_items = 2)]
+#[allow(dead_code)]
+pub struct Point(Vec<f64>);
+
+/// An array of the answer.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[allow(dead_code)]
+pub enum FieldName {
+    Distance,
+    Gradient,
+    Sigma,
+    Nearest,
+    Clearance,
+    Observed,
+    GradientCovariance,
+    DistanceGradientCovariance,
+    Vector,
+    VectorCovariance,
+}
+
 /// What is asked.
-#[derive(Debug, ToSchema)]
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
 #[allow(dead_code)]
 pub struct QueryBody {
     /// [x, y] each, metres.
     #[schema(max_items = 250000)]
-    pub points: Vec<[f64; 2]>,
+    pub points: Vec<Point>,
     /// `propagated` (default) or `posterior`
     pub kind: Option<Kind>,
     /// The arrays to answer with; all by default.
-    pub fields: Option<Vec<String>>,
+    pub fields: Option<Vec<FieldName>>,
 }
 
 const FIELDS: [&str; 10] = [
@@ -103,12 +127,12 @@ struct Question {
 
 /// Ask a map about points.
 #[utoipa::path(post, operation_id = "query_map", path = "/v1/maps/{id}/query", tag = "maps", params(("id" = String, Path),
-        ("kind" = Option<String>, Query, description = "npy bodies: propagated (default) or posterior"),
-        ("fields" = Option<String>, Query, description = "npy bodies: comma-separated; all by default"),
-        ("format" = Option<String>, Query, description = "json or npz")),
-    request_body(content((QueryBody = "application/json"), (Vec<u8> = "application/x-npy"))),
+        ("kind" = Option<String>, Query, pattern = "^(propagated|posterior)$", description = "npy bodies: propagated (default) or posterior"),
+        ("fields" = Option<String>, Query, pattern = "^(distance|gradient|sigma|nearest|clearance|observed|gradient_covariance|distance_gradient_covariance|vector|vector_covariance)(,(distance|gradient|sigma|nearest|clearance|observed|gradient_covariance|distance_gradient_covariance|vector|vector_covariance))*$", description = "npy bodies: comma-separated; all by default"),
+        ("format" = Option<String>, Query, pattern = "^(json|npz)$", description = "json or npz")),
+    request_body(content((QueryBody = "application/json"), (Binary = "application/x-npy"))),
     responses((status = 200, description = "arrays in the points' order; npz has NaN for null",
-            content((QueryAnswer = "application/json"), (Vec<u8> = "application/x-npz"))),
+            content((QueryAnswer = "application/json"), (Binary = "application/x-npz"))),
         Refused))]
 pub async fn query_map(
     State(state): State<AppState>,

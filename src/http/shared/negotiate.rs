@@ -1,6 +1,7 @@
 //! Which format to answer in: `?format=` where it is given, else `Accept` (RFC 9110, with q-values), else the first.
 
 use axum::http::{HeaderMap, header};
+use utoipa::ToSchema;
 
 use super::params::Params;
 use super::problem::Problem;
@@ -21,6 +22,12 @@ pub const PNG: Format = Format { name: "png", media: "image/png" };
 pub const SVG: Format = Format { name: "svg", media: "image/svg+xml" };
 pub const TIFF: Format = Format { name: "tiff", media: "image/tiff" };
 pub const ZIP: Format = Format { name: "zip", media: "application/zip" };
+
+/// A file's bytes, for the document.
+#[derive(ToSchema)]
+#[schema(value_type = String, format = Binary)]
+#[allow(dead_code)]
+pub struct Binary(Vec<u8>);
 
 /// The format to answer in, of those on offer, the default first.
 pub fn negotiate(headers: &HeaderMap, params: &mut Params, offered: &[Format]) -> Result<Format, Problem> {

@@ -1,0 +1,87 @@
+"""A client generated from the OpenAPI document by openapi-python-client, used against the service. Argument: base URL.
+
+Whoever writes a client starts from the document: it must generate without a warning, have every operation, and carry a
+job from its submission to its map.
+"""
+
+import importlib
+import json
+import math
+import subprocess
+import sys
+import tempfile
+import urllib.request
+from pathlib import Path
+
+base = sys.argv[1].rstrip("/")
+with urllib.request.urlopen(f"{base}/openapi.json") as answer:
+    document = json.load(answer)
+operations = [o for item in document["paths"].values() for o in item.values() if isinstance(o, dict) and "operationId" in o]
+
+# The generator knows JSON, text and bytes; which of them these media types are no document can tell it.
+BYTES = ["application/x-npz", "application/x-npy", "application/zip", "image/png", "image/svg+xml", "image/tiff"]
+OPTIONS = {"content_type_overrides": {name: "application/octet-stream" for name in BYTES}, "post_hooks": []}
+
+with tempfile.TemporaryDirectory() as folder:
+    here = Path(folder)
+    (here / "openapi.json").write_text(json.dumps(document))
+    (here / "options.json").write_text(json.dumps(OPTIONS))
+    arguments = "generate --path openapi.json --config options.json --meta none --output-path generated --fail-on-warning"
+    command = [sys.executable, "-m", "openapi_python_client", *arguments.split()]
+    made = subprocess.run(command, cwd=here, capture_output=True, text=True)
+    said = made.stdout + made.stderr
+    assert made.returncode == 0 and "WARNING" not in said and "ERROR" not in said, said
+    sys.path.insert(0, folder)
+    calls = {o["operationId"]: importlib.import_module(f"generated.api.{o['tags'][0]}.{o['operationId']}") for o in operations}
+    models = importlib.import_module("generated.models")
+    client = importlib.import_module("generated").Client(base_url=base)
+
+
+def call(name, status, *arguments, **parameters):
+    """An operation's answer, in the type the document gives it."""
+    answer = calls[name].sync_detailed(*arguments, client=client, **parameters)
+    assert answer.status_code == status, (name, answer.status_code, answer.content)
+    return answer.parsed
+
+
+# A room of 4 m by 4 m, seen from its middle.
+BEAMS = 60
+bearings = [2 * math.pi * k / BEAMS - math.pi for k in range(BEAMS)]
+scan = models.Scan(
+    pose=models.Pose(x=0.0, y=0.0, theta=0.0),
+    angle_min=-math.pi,
+    angle_increment=2 * math.pi / BEAMS,
+    range_min=0.05,
+    range_max=30.0,
+    ranges=[2 / max(abs(math.cos(b)), abs(math.sin(b))) for b in bearings],
+)
+wanted = models.JobRequest.from_dict(
+    {
+        "name": "a generated client's",
+        "scans": [scan.to_dict()],
+        "noise": {"sigma_x": 0.01, "sigma_y": 0.01, "sigma_theta": 0.005, "sigma_range": 0.02},
+        "map": {"distance": "sdf", "resolution": 0.5},
+    }
+)
+job = call("submit_job", 202, body=wanted)
+assert isinstance(job, models.Job) and job.name == wanted.name
+while job.status in (models.JobStatus.ACCEPTED, models.JobStatus.RUNNING):
+    job = call("get_job", 200, job.id, wait=4.0)
+assert job.status == models.JobStatus.SUCCESSFUL and job.progress.percent == 100, job
+
+record = call("get_map", 200, job.map_id)
+assert record.distance == "sdf" and str(record.job_id) == str(job.id) and record.fit.converged
+nx, ny = record.lattice.control_points
+
+answer = call("query_map", 200, job.map_id, body=models.QueryBody(points=[[0.0, 1.5], [9.0, 9.0]]))
+assert abs(answer.distance[0] + 0.5) < 0.1 and 0 < answer.sigma[0] < 0.1, answer
+assert answer.distance[1] is None and answer.sigma[1] is None, answer
+
+assert str(job.map_id) in [str(listed.id) for listed in call("list_maps", 200, limit=5).items]
+coefficients = call("get_map_coefficients", 200, job.map_id)
+assert len(coefficients.sdf) == nx * ny and coefficients.lattice == record.lattice
+
+call("delete_map", 204, job.map_id)
+gone = call("get_map", 404, job.map_id)
+assert isinstance(gone, models.Problem) and gone.status == 404
+print(f"{len(operations)} operations generated; a job, its map, a query, a list, coefficients and a deletion as documented")
