@@ -1,7 +1,7 @@
 //! Connections: so many at once, and none for nothing.
 //!
-//! A connection that sends no whole header within [`HEADER_WITHIN`] is closed, an idle one with it; so is one whose client
-//! takes nothing of an answer for [`TAKEN_WITHIN`]. Beyond the limit, connections wait in the kernel's queue.
+//! A connection that sends no whole header within `HEADER_WITHIN` is closed, an idle one with it; so is one whose client
+//! takes nothing of an answer for `TAKEN_WITHIN`. Beyond the limit, connections wait in the kernel's queue.
 
 use std::future::Future;
 use std::sync::Arc;

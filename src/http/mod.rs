@@ -2,7 +2,7 @@
 //!
 //! | place | what it holds |
 //! | --- | --- |
-//! | [`router`] | all routes, and the document made of them |
+//! | [`mod@router`] | all routes, and the document made of them |
 //! | [`jobs`], [`maps`], [`about`] | a folder a resource |
 //! | [`shared`] | what all routes share: problems, parameters, formats, bodies, budgets |
 //! | [`layers`] | what stands around all routes: who may ask, request ids, compression |

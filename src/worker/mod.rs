@@ -77,7 +77,7 @@ impl Workshop {
         *self.draining.borrow()
     }
 
-    /// Whether work can be taken: a row and an artifact could just be written. Known for [`READY_FOR`], so that whoever asks
+    /// Whether work can be taken: a row and an artifact could just be written. Known for `READY_FOR`, so that whoever asks
     /// all day writes little. The error says why not.
     pub async fn takes_work(&self) -> Result<(), String> {
         let lately = *self.ready.lock().unwrap_or_else(PoisonError::into_inner);
