@@ -213,3 +213,64 @@ fn labels_by_the_thousand_are_a_fault_not_a_failure() {
     let query = vec!["label=a:b"; 2000].join("&");
     server.get(&format!("/v1/jobs?{query}")).problem(422);
 }
+
+/// Readers that ask for tens of megabytes and take nothing of it: they hold what the service allows, and no more.
+#[test]
+fn readers_that_take_nothing_hold_little_and_keep_nobody_out() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 1);
+    let path = format!("/v1/maps/{}/query", server.map_of(&small(1)));
+    let points: Vec<[f64; 2]> =
+        (0..250_000).map(|k| [0.5 + f64::from(k % 500) * 0.013, 0.5 + f64::from(k / 500) * 0.013]).collect();
+    let many = json!({"points": points});
+    let whole = server.post(&path, &many);
+    assert_eq!(whole.status, 200);
+    let idle = server.peak_memory() >> 20;
+    let address = server.url.trim_start_matches("http://").to_owned();
+    let body = many.to_string();
+    let head = format!(
+        "POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: {}\r\n\r\n",
+        body.len()
+    );
+    let readers: Vec<TcpStream> = std::thread::scope(|scope| {
+        let ask = || {
+            let mut reader = TcpStream::connect(&address).unwrap();
+            reader.write_all(head.as_bytes()).unwrap();
+            reader.write_all(body.as_bytes()).unwrap();
+            reader
+        };
+        let all: Vec<_> = (0..15).map(|_| scope.spawn(ask)).collect();
+        all.into_iter().map(|one| one.join().unwrap()).collect()
+    });
+    let mut slowest = Duration::ZERO;
+    for _ in 0..100 {
+        let began = Instant::now();
+        assert_eq!(server.post(&path, &json!({"points": [[1.0, 1.0]]})).status, 200);
+        slowest = slowest.max(began.elapsed());
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let peak = server.peak_memory() >> 20;
+    println!(
+        "an answer of {} MiB; peak {idle} MiB with one reader, {peak} MiB with fifteen that take nothing; slowest question {slowest:.1?}",
+        whole.body.len() >> 20
+    );
+    assert!(peak < idle + 256 + 128, "{peak} MiB");
+    drop(readers);
+    let begun = Instant::now();
+    while server.post(&path, &many).status != 200 {
+        assert!(begun.elapsed() < Duration::from_secs(40), "what they held comes back");
+    }
+}
+
+#[test]
+fn readiness_asked_in_bulk_is_one_answer() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 0);
+    for _ in 0..3 {
+        std::thread::scope(|scope| {
+            let all: Vec<_> = (0..40).map(|_| scope.spawn(|| server.get("/readyz").status)).collect();
+            assert!(all.into_iter().all(|one| one.join().unwrap() == 200));
+        });
+        std::thread::sleep(Duration::from_millis(1100));
+    }
+}

@@ -8,6 +8,7 @@ use axum::Router;
 use axum::http::StatusCode;
 use axum::middleware::from_fn;
 use axum::routing::get;
+use tower_http::CompressionLevel;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
 use utoipa::OpenApi;
@@ -79,5 +80,5 @@ pub fn router(workshop: Arc<Workshop>, limits: HttpLimits) -> Router {
         .layer(from_fn(guard::loopback_only))
         .layer(from_fn(guard::secured))
         .layer(from_fn(conventions::finish))
-        .layer(CompressionLayer::new().compress_when(Texts))
+        .layer(CompressionLayer::new().quality(CompressionLevel::Fastest).compress_when(Texts))
 }

@@ -149,11 +149,9 @@ impl JobStore for SqliteStore {
     }
 
     async fn request(&self, tenant: &str, id: &str) -> Result<Option<Vec<u8>>, StoreError> {
-        Ok(sqlx::query_scalar("SELECT requests.request FROM jobs JOIN requests ON requests.job_id = jobs.id WHERE jobs.id = ? AND jobs.tenant = ?")
-            .bind(id)
-            .bind(tenant)
-            .fetch_optional(&self.readers)
-            .await?)
+        const REQUEST: &str = "SELECT requests.request FROM jobs JOIN requests ON requests.job_id = jobs.id \
+             WHERE jobs.id = ? AND jobs.tenant = ?";
+        Ok(sqlx::query_scalar(REQUEST).bind(id).bind(tenant).fetch_optional(&self.readers).await?)
     }
 
     async fn cancel(&self, tenant: &str, id: &str) -> Result<Cancellation, StoreError> {

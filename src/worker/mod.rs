@@ -13,7 +13,7 @@ use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::runtime::Handle;
 use tokio::sync::Notify;
@@ -45,8 +45,8 @@ pub struct Workshop {
     running: Mutex<HashMap<String, Arc<AtomicBool>>>,
     draining: tokio::sync::watch::Sender<bool>,
     followed: watch::Followed,
-    /// When work was last known to be taken.
-    ready: Mutex<Option<std::time::Instant>>,
+    /// The last probe of readiness, and when it ended. Locked while one is under way: who asks meanwhile gets its outcome.
+    ready: tokio::sync::Mutex<Option<(Instant, Result<(), String>)>>,
 }
 
 impl Workshop {
@@ -60,7 +60,7 @@ impl Workshop {
             running: Mutex::default(),
             draining,
             followed: Default::default(),
-            ready: Mutex::default(),
+            ready: Default::default(),
         })
     }
 
@@ -78,20 +78,22 @@ impl Workshop {
     }
 
     /// Whether work can be taken: a row and an artifact could just be written. Known for `READY_FOR`, so that whoever asks
-    /// all day writes little. The error says why not.
+    /// all day, or in bulk, writes little. The error says why not.
     pub async fn takes_work(&self) -> Result<(), String> {
-        let lately = *self.ready.lock().unwrap_or_else(PoisonError::into_inner);
-        if lately.is_some_and(|at| at.elapsed() < READY_FOR) {
-            return Ok(());
+        let mut lately = self.ready.lock().await;
+        if let Some((at, outcome)) = &*lately
+            && at.elapsed() < READY_FOR
+        {
+            return outcome.clone();
         }
         let probe = async {
             self.records.probe().await.map_err(|error| error.to_string())?;
             self.artifacts.probe().await.map_err(|error| error.to_string())
         };
         let outcome = tokio::time::timeout(PROBE_WITHIN, probe).await;
-        outcome.unwrap_or_else(|_| Err("the database or the artifact store does not answer".into()))?;
-        *self.ready.lock().unwrap_or_else(PoisonError::into_inner) = Some(std::time::Instant::now());
-        Ok(())
+        let outcome = outcome.unwrap_or_else(|_| Err("the database or the artifact store does not answer".into()));
+        *lately = Some((Instant::now(), outcome.clone()));
+        outcome
     }
 
     /// Resolves once draining begins.
@@ -138,8 +140,8 @@ impl Solvers {
     pub fn drain(self, grace: Duration) {
         self.workshop.draining.send_replace(true);
         self.workshop.arrivals.notify_waiters();
-        let deadline = std::time::Instant::now() + grace;
-        while std::time::Instant::now() < deadline && self.threads.iter().any(|thread| !thread.is_finished()) {
+        let deadline = Instant::now() + grace;
+        while Instant::now() < deadline && self.threads.iter().any(|thread| !thread.is_finished()) {
             std::thread::sleep(Duration::from_millis(20));
         }
         for flag in self.workshop.running.lock().unwrap_or_else(PoisonError::into_inner).values() {

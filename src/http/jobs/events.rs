@@ -12,7 +12,6 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, Uri};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use futures::stream::{self, Stream, StreamExt};
-use utoipa::ToSchema;
 
 use super::record::JobBody;
 use crate::http::shared::AppState;
@@ -24,21 +23,10 @@ use crate::jobs::Job;
 static UNBUFFERED: (HeaderName, HeaderValue) =
     (HeaderName::from_static("x-accel-buffering"), HeaderValue::from_static("no"));
 
-/// One event.
-#[derive(ToSchema)]
-#[allow(dead_code)]
-struct ServerSentEvent {
-    /// `progress` or `status`
-    event: String,
-    /// The job's progress, or the job, as JSON.
-    data: String,
-    id: String,
-}
-
 /// Follow a job.
 #[utoipa::path(get, operation_id = "get_job_events", path = "/v1/jobs/{id}/events", tag = "jobs",
     params(("id" = String, Path), ("Last-Event-ID" = Option<String>, Header, description = "resume behind this event")),
-    responses((status = 200, body = ServerSentEvent, content_type = "text/event-stream",
+    responses((status = 200, body = serde_json::Value, content_type = "text/event-stream",
             description = "`progress` events, each with the job's progress, and last one `status` event with the job"),
         (status = 204, description = "the job has ended and its last event was seen"),
         Refused))]

@@ -58,15 +58,15 @@ pub async fn get_job(
     if wait > 0.0 && !job.status.has_ended() {
         let deadline = tokio::time::sleep(Duration::from_secs_f64(wait));
         tokio::pin!(deadline);
-        while !job.status.has_ended() {
-            tokio::select! {
-                changed = state.workshop.changed_since(&id, job.revision) => if !changed { break },
-                () = &mut deadline => break,
-                () = state.workshop.drained() => break,
-            }
+        let mut over = false;
+        while !over && !job.status.has_ended() {
+            over = tokio::select! {
+                changed = state.workshop.changed_since(&id, job.revision) => !changed,
+                () = &mut deadline => true,
+                () = state.workshop.drained() => true,
+            };
             job = state.job(&id).await?;
         }
-        job = state.job(&id).await?;
     }
     Ok(Json(job.into()))
 }

@@ -134,7 +134,7 @@ pub async fn get_map_covariance(mut request: MapRequest) -> Result<Response, Pro
         _ => dense(&factors, &map, (kind, leash), &points, window, format),
     };
     let body = wanted.state.compute.run(Queue::Heavy, make).await?;
-    Ok(wanted.respond(body).await)
+    wanted.respond(body)
 }
 
 /// What any entry is formed from: the fit's end, found again from the job's request and the map.
@@ -148,14 +148,19 @@ async fn factors(wanted: &Wanted) -> Result<Arc<Factors>, Problem> {
         packed.ok_or_else(|| Problem::not_found("the map's job is gone, and with it what this is formed from"))?;
     let map = state.load(record).await?;
     let limits = state.workshop.limits;
+    let (again, id) = (state.clone(), record.id.clone());
     let form = move |_: &Leash| {
+        // Whoever was ahead in the queue may have formed them.
+        if let Some(known) = again.known_factors(&id) {
+            return Ok(known);
+        }
         let json = zstd::decode_all(&packed[..]).map_err(|error| Problem::internal(&error))?;
         let request = JobRequest::parse(&json, &limits).map_err(|error| Problem::internal(&error))?;
-        Ok(Arc::new(request.factors(&map).map_err(|error| Problem::internal(&error))?))
+        let formed = Arc::new(request.factors(&map).map_err(|error| Problem::internal(&error))?);
+        again.keep_factors(&id, &formed);
+        Ok(formed)
     };
-    let formed = state.compute.run(Queue::Heavy, form).await?;
-    state.keep_factors(&record.id, &formed);
-    Ok(formed)
+    state.compute.run(Queue::Heavy, form).await
 }
 
 fn window(params: &mut Params, lattice: &Lattice) -> Option<Window> {

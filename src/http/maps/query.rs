@@ -15,7 +15,7 @@ use crate::http::shared::compute::Queue;
 use crate::http::shared::negotiate::{Binary, JSON, NPY, NPZ, negotiate};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused, to_json};
-use crate::http::shared::ration::sharing;
+use crate::http::shared::ration;
 use crate::jobs::Fault;
 use crate::jobs::document::Node;
 use crate::map::npz::{NpzError, NpzWriter};
@@ -170,8 +170,8 @@ pub async fn query_map(
             if format == NPZ { Ok(answer_npz(&answer)?) } else { to_json(&answer) }
         })
         .await?;
-    let share = state.answers.take(answer.len()).await;
-    Ok(([("content-type", format.media)], sharing(answer.into(), share)).into_response())
+    let body = ration::answer(&state.answers, answer)?;
+    Ok(([("content-type", format.media)], body).into_response())
 }
 
 fn answer(map: &FittedMap, question: &Question) -> QueryAnswer {

@@ -129,13 +129,13 @@ fn parse_bbox(text: &str) -> Option<[f64; 4]> {
     responses((status = 200, description = "the map", body = MapBody), (status = 304, description = "unchanged"),
         Refused))]
 pub async fn get_map(request: MapRequest) -> Result<Response, Problem> {
-    Ok(match request.settle(&[JSON])? {
-        Settled::Unchanged(response) => response,
+    match request.settle(&[JSON])? {
+        Settled::Unchanged(response) => Ok(response),
         Settled::Wanted(wanted) => {
             let body = to_json(&MapBody::from(wanted.record.clone()))?;
-            wanted.respond(body).await
+            wanted.respond(body)
         }
-    })
+    }
 }
 
 /// Delete a map and its arrays. Its job stays.

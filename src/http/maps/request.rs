@@ -16,7 +16,7 @@ use crate::http::shared::compute::Queue;
 use crate::http::shared::negotiate::{Format, negotiate};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::Problem;
-use crate::http::shared::ration::sharing;
+use crate::http::shared::ration::answer;
 use crate::http::shared::tag::Tag;
 use crate::jobs::MapRecord;
 use crate::map::FittedMap;
@@ -100,12 +100,11 @@ impl Wanted {
         let map: Arc<FittedMap> = self.state.load(&self.record).await?;
         let (record, format) = (self.record.clone(), self.format);
         let body = self.state.compute.run(Queue::Answers, move |_| make(&map, &record, format)).await?;
-        Ok(self.respond(body).await)
+        self.respond(body)
     }
 
-    /// The representation, made already. It waits where too many answers are on their way.
-    pub async fn respond(self, body: Vec<u8>) -> Response {
-        let share = self.state.answers.take(body.len()).await;
-        self.tag.respond(self.format, sharing(body.into(), share))
+    /// The representation, made already.
+    pub fn respond(self, body: Vec<u8>) -> Result<Response, Problem> {
+        Ok(self.tag.respond(self.format, answer(&self.state.answers, body)?))
     }
 }

@@ -3,7 +3,7 @@
 //! What can be refused by its headers is, at once; the body is thrown away meanwhile, for a bounded while: a server that
 //! answers and hangs up while a client still sends makes the client see a broken connection instead of the answer.
 //! Decompression stops where its output outgrows the limit, so a bomb costs no more than an honest body. All bodies
-//! together hold so many bytes at most ([`super::ration`]); beyond, the answer is 503.
+//! together hold so many bytes at most until they are unpacked ([`super::ration`]); beyond, the answer is 503.
 
 use std::io::Read;
 use std::time::Duration;
@@ -20,6 +20,8 @@ use super::state::Service;
 
 /// How much of a refused body is received, as a multiple of the limit, and for how long.
 const PATIENCE: usize = 4;
+/// What every body may have without asking: no crowd of large ones keeps a small job or a question out.
+const SMALL: usize = 16 << 10;
 const PATIENCE_FOR: Duration = Duration::from_secs(20);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -116,7 +118,8 @@ async fn receive(
             let frame = frame.map_err(|error| unreadable(&error))?;
             let Ok(data) = frame.into_data() else { continue };
             length = length.saturating_add(data.len());
-            crowded = crowded || (length <= limit && !may_hold(data.len()));
+            let counted = length.saturating_sub(SMALL).min(data.len());
+            crowded = crowded || (length <= limit && !may_hold(counted));
             if length <= limit && !crowded {
                 kept.extend_from_slice(&data);
             } else {

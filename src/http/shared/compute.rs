@@ -90,7 +90,8 @@ impl Compute {
     }
 }
 
-fn too_slow() -> Problem {
+/// 503: what was asked for did not come in time.
+pub fn too_slow() -> Problem {
     let detail =
         "the answer took longer than a request may (--request-seconds); the service is busy, or it asks for much";
     Problem { detail: detail.into(), ..Problem::of_status(StatusCode::SERVICE_UNAVAILABLE) }

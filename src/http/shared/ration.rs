@@ -3,11 +3,15 @@
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
+use std::time::{Duration, Instant};
 
 use axum::body::Body;
+use axum::http::StatusCode;
 use bytes::Bytes;
 use http_body::{Frame, SizeHint};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+
+use super::problem::Problem;
 
 /// What is counted: a permit stands for so many bytes.
 const UNIT: usize = 1024;
@@ -46,38 +50,56 @@ impl Ration {
         }
         true
     }
+}
 
-    /// Waits for bytes. What is larger than the whole gets the whole.
-    pub async fn take(&self, bytes: usize) -> Share {
-        // The semaphore is never closed, so this never fails.
-        Share(self.units.clone().acquire_many_owned(self.units_of(bytes)).await.ok())
+/// Answers up to this are not counted: no crowd of slow readers keeps a small one from its client.
+const SMALL: usize = 64 << 10;
+/// An answer is handed to the connection in pieces: what is not yet taken stays here, counted.
+const PIECE: usize = 64 << 10;
+/// How long a client may take over an answer: so long, and so much longer as it has bytes at this many a second.
+const TAKEN_WITHIN: Duration = Duration::from_secs(60);
+const SLOWEST: usize = 64 << 10;
+
+/// An answer's body, which counts towards the ration until its client has taken it; 503 where too much is on its way
+/// already. One larger than the whole ration takes all of it.
+pub fn answer(ration: &Ration, bytes: Vec<u8>) -> Result<Body, Problem> {
+    let mut share = ration.none();
+    if bytes.len() > SMALL && !ration.grow(&mut share, bytes.len()) {
+        let detail = "as many bytes of answers are on their way as may be; try again".into();
+        return Err(Problem { detail, ..Problem::of_status(StatusCode::SERVICE_UNAVAILABLE) });
     }
+    let seconds = (bytes.len() / SLOWEST) as u64;
+    let until = Instant::now() + TAKEN_WITHIN + Duration::from_secs(seconds);
+    Ok(Body::new(Answer { rest: bytes.into(), until, _share: share }))
 }
 
-/// A body that holds its share until it is sent or given up.
-pub fn sharing(bytes: Bytes, share: Share) -> Body {
-    Body::new(Sharing { body: Body::from(bytes), _share: share })
-}
-
-struct Sharing {
-    body: Body,
+struct Answer {
+    rest: Bytes,
+    until: Instant,
     _share: Share,
 }
 
-impl http_body::Body for Sharing {
+impl http_body::Body for Answer {
     type Data = Bytes;
-    type Error = axum::Error;
+    type Error = std::io::Error;
 
-    fn poll_frame(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        Pin::new(&mut self.body).poll_frame(cx)
+    fn poll_frame(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, Self::Error>>> {
+        if self.rest.is_empty() {
+            return Poll::Ready(None);
+        }
+        if Instant::now() > self.until {
+            return Poll::Ready(Some(Err(std::io::ErrorKind::TimedOut.into())));
+        }
+        let piece = self.rest.len().min(PIECE);
+        Poll::Ready(Some(Ok(Frame::data(self.rest.split_to(piece)))))
     }
 
     fn is_end_stream(&self) -> bool {
-        self.body.is_end_stream()
+        self.rest.is_empty()
     }
 
     fn size_hint(&self) -> SizeHint {
-        self.body.size_hint()
+        SizeHint::with_exact(self.rest.len() as u64)
     }
 }
 
@@ -94,12 +116,21 @@ mod tests {
         assert!(!ration.grow(&mut a, 1));
         drop(a);
         assert!(ration.grow(&mut b, 6 * UNIT));
-        drop(b);
-        let whole = ration.take(1000 * UNIT).await;
-        assert!(!ration.grow(&mut ration.none(), 1));
-        let mut body = sharing(Bytes::from_static(b"abc"), whole);
-        while body.frame().await.is_some() {}
+    }
+
+    #[tokio::test]
+    async fn an_answer_counts_until_its_last_piece_is_taken_and_small_ones_always_go() {
+        let ration = Ration::new(2 * PIECE);
+        let mut body = answer(&ration, vec![7; 5 * PIECE]).unwrap();
+        let mut taken = body.frame().await.unwrap().unwrap().into_data().unwrap().len();
+        assert!(!ration.grow(&mut ration.none(), 1), "four pieces are still here");
+        assert_eq!(answer(&ration, vec![7; 2 * PIECE]).unwrap_err().status, StatusCode::SERVICE_UNAVAILABLE);
+        assert!(answer(&ration, vec![7; SMALL]).is_ok());
+        while let Some(piece) = body.frame().await {
+            taken += piece.unwrap().into_data().unwrap().len();
+        }
         drop(body);
-        assert!(ration.grow(&mut ration.none(), 1));
+        assert_eq!(taken, 5 * PIECE);
+        assert!(ration.grow(&mut ration.none(), 2 * PIECE));
     }
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::cache::Cache;
-use super::compute::{Compute, Queue};
+use super::compute::{Compute, Queue, too_slow};
 use super::problem::Problem;
 use super::ration::Ration;
 use crate::jobs::{Job, MapRecord};
@@ -22,6 +22,8 @@ pub struct Service {
     /// The OpenAPI document.
     pub document: String,
     maps: Cache<FittedMap>,
+    /// Held while a map is loaded, so that many who ask for one at once load it once.
+    loading: tokio::sync::Mutex<()>,
     /// By map: what any entry of its covariance is formed from.
     factors: Cache<Factors>,
 }
@@ -70,6 +72,7 @@ impl Service {
             bodies: Ration::new(limits.bodies),
             answers: Ration::new(limits.answers),
             maps: Cache::new(limits.cache / 2),
+            loading: Default::default(),
             factors: Cache::new(limits.cache / 2),
         }
     }
@@ -88,6 +91,11 @@ impl Service {
 
     /// A map's arrays, from memory or from its artifacts.
     pub async fn load(&self, record: &MapRecord) -> Result<Arc<FittedMap>, Problem> {
+        if let Some(map) = self.maps.get(&record.id) {
+            return Ok(map);
+        }
+        let turn = tokio::time::timeout(self.limits.patience, self.loading.lock());
+        let _turn = turn.await.map_err(|_| too_slow())?;
         if let Some(map) = self.maps.get(&record.id) {
             return Ok(map);
         }
