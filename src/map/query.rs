@@ -22,8 +22,6 @@ pub struct Answer {
     pub nearest: Option<Vec2>,
     /// Covariances of the gradient and with it, of a signed distance.
     pub slopes: Option<SlopeCovariance>,
-    /// From the nearest surface point, with its covariance [xx, xy, yy]: of a vector field.
-    pub vector: Option<(Vec2, [f64; 3])>,
 }
 
 /// How uncertain a gradient is.
@@ -40,14 +38,12 @@ impl FittedMap {
         let at = self.field.locate(p)?;
         if self.field.distance() == Distance::Vector {
             let foot = self.surfaces.foot(p, kind)?;
-            let vector = self.field.vector(p).map(|at| at.vector).zip(self.field.vector_covariance(p, kind));
             return Some(Answer {
                 distance: foot.distance,
                 gradient: foot.away,
                 sigma: foot.sigma,
                 nearest: Some(foot.point),
                 slopes: None,
-                vector,
             });
         }
         let local = self.field.local(&at, kind);
@@ -63,8 +59,17 @@ impl FittedMap {
                 gradient: Cov2::new(dot(&row.dx, &on_x), xy, xy, dot(&row.dy, &on_y)),
                 with_distance: Vec2::new(dot(&row.dx, &on_value), dot(&row.dy, &on_value)),
             }),
-            vector: None,
         })
+    }
+
+    /// The value of a vector field's spline: from the nearest surface point. `None` as above, and of a signed field.
+    pub fn vector(&self, p: Vec2) -> Option<Vec2> {
+        self.field.vector(p).map(|at| at.vector)
+    }
+
+    /// Its covariance [xx, xy, yy], likewise.
+    pub fn vector_covariance(&self, p: Vec2, kind: Kind) -> Option<[f64; 3]> {
+        self.field.vector_covariance(p, kind)
     }
 
     /// Distance and its standard deviation, or `None` outside the lattice and where no control points are in use.

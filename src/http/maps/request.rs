@@ -16,7 +16,6 @@ use crate::http::shared::compute::Queue;
 use crate::http::shared::negotiate::{Format, negotiate};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::Problem;
-use crate::http::shared::ration::answer;
 use crate::http::shared::tag::Tag;
 use crate::jobs::MapRecord;
 use crate::map::FittedMap;
@@ -105,6 +104,7 @@ impl Wanted {
 
     /// The representation, made already.
     pub fn respond(self, body: Vec<u8>) -> Result<Response, Problem> {
-        Ok(self.tag.respond(self.format, answer(&self.state.answers, body)?))
+        let body = self.state.answers.take(body.len())?.body(body);
+        Ok(self.tag.respond(self.format, body))
     }
 }

@@ -54,27 +54,60 @@ impl Ration {
 
 /// Answers up to this are not counted: no crowd of slow readers keeps a small one from its client.
 const SMALL: usize = 64 << 10;
-/// An answer is handed to the connection in pieces: what is not yet taken stays here, counted.
-const PIECE: usize = 64 << 10;
+/// An answer is handed to the connection in pieces of about this many bytes: what is not yet taken stays here, counted.
+pub const PIECE: usize = 64 << 10;
 /// How long a client may take over an answer: so long, and so much longer as it has bytes at this many a second.
 const TAKEN_WITHIN: Duration = Duration::from_secs(60);
 const SLOWEST: usize = 64 << 10;
 
-/// An answer's body, which counts towards the ration until its client has taken it; 503 where too much is on its way
-/// already. One larger than the whole ration takes all of it.
-pub fn answer(ration: &Ration, bytes: Vec<u8>) -> Result<Body, Problem> {
-    let mut share = ration.none();
-    if bytes.len() > SMALL && !ration.grow(&mut share, bytes.len()) {
-        let detail = "as many bytes of answers are on their way as may be; try again".into();
-        return Err(Problem { detail, ..Problem::of_status(StatusCode::SERVICE_UNAVAILABLE) });
+impl Ration {
+    /// Bytes for an answer, taken before it is formed; 503 where too much is on its way already. One larger than the
+    /// whole ration takes all of it.
+    pub fn take(&self, bytes: usize) -> Result<Taken, Problem> {
+        let mut share = self.none();
+        if bytes > SMALL && !self.grow(&mut share, bytes) {
+            let detail = "as many bytes of answers are on their way as may be; try again".into();
+            return Err(Problem { detail, ..Problem::of_status(StatusCode::SERVICE_UNAVAILABLE) });
+        }
+        Ok(Taken { share, bytes })
     }
-    let seconds = (bytes.len() / SLOWEST) as u64;
-    let until = Instant::now() + TAKEN_WITHIN + Duration::from_secs(seconds);
-    Ok(Body::new(Answer { rest: bytes.into(), until, _share: share }))
 }
 
+/// What an answer counts for until its client has taken it.
+pub struct Taken {
+    share: Share,
+    bytes: usize,
+}
+
+impl Taken {
+    /// A body whose bytes are there.
+    pub fn body(self, bytes: Vec<u8>) -> Body {
+        let (length, mut rest) = (bytes.len() as u64, Bytes::from(bytes));
+        let pieces = std::iter::from_fn(move || {
+            let piece = rest.len().min(PIECE);
+            (piece > 0).then(|| Ok(rest.split_to(piece)))
+        });
+        self.answer(Box::new(pieces), Some(length))
+    }
+
+    /// A body that is written piece by piece.
+    pub fn stream(self, pieces: impl Iterator<Item = std::io::Result<Vec<u8>>> + Send + 'static) -> Body {
+        self.answer(Box::new(pieces.map(|piece| piece.map(Bytes::from))), None)
+    }
+
+    fn answer(self, pieces: Pieces, left: Option<u64>) -> Body {
+        let seconds = (self.bytes / SLOWEST) as u64;
+        let until = Instant::now() + TAKEN_WITHIN + Duration::from_secs(seconds);
+        Body::new(Answer { pieces: pieces, left, until, _share: self.share })
+    }
+}
+
+type Pieces = Box<dyn Iterator<Item = std::io::Result<Bytes>> + Send>;
+
 struct Answer {
-    rest: Bytes,
+    pieces: Pieces,
+    /// Bytes that are still here, where that is known.
+    left: Option<u64>,
     until: Instant,
     _share: Share,
 }
@@ -84,22 +117,25 @@ impl http_body::Body for Answer {
     type Error = std::io::Error;
 
     fn poll_frame(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, Self::Error>>> {
-        if self.rest.is_empty() {
+        if self.is_end_stream() {
             return Poll::Ready(None);
         }
         if Instant::now() > self.until {
             return Poll::Ready(Some(Err(std::io::ErrorKind::TimedOut.into())));
         }
-        let piece = self.rest.len().min(PIECE);
-        Poll::Ready(Some(Ok(Frame::data(self.rest.split_to(piece)))))
+        let piece = self.pieces.next();
+        if let (Some(left), Some(Ok(piece))) = (&mut self.left, &piece) {
+            *left = left.saturating_sub(piece.len() as u64);
+        }
+        Poll::Ready(piece.map(|piece| piece.map(Frame::data)))
     }
 
     fn is_end_stream(&self) -> bool {
-        self.rest.is_empty()
+        self.left == Some(0)
     }
 
     fn size_hint(&self) -> SizeHint {
-        SizeHint::with_exact(self.rest.len() as u64)
+        self.left.map_or_else(SizeHint::default, SizeHint::with_exact)
     }
 }
 
@@ -121,11 +157,11 @@ mod tests {
     #[tokio::test]
     async fn an_answer_counts_until_its_last_piece_is_taken_and_small_ones_always_go() {
         let ration = Ration::new(2 * PIECE);
-        let mut body = answer(&ration, vec![7; 5 * PIECE]).unwrap();
+        let mut body = ration.take(5 * PIECE).unwrap().body(vec![7; 5 * PIECE]);
         let mut taken = body.frame().await.unwrap().unwrap().into_data().unwrap().len();
         assert!(!ration.grow(&mut ration.none(), 1), "four pieces are still here");
-        assert_eq!(answer(&ration, vec![7; 2 * PIECE]).unwrap_err().status, StatusCode::SERVICE_UNAVAILABLE);
-        assert!(answer(&ration, vec![7; SMALL]).is_ok());
+        assert_eq!(ration.take(2 * PIECE).err().unwrap().status, StatusCode::SERVICE_UNAVAILABLE);
+        assert!(ration.take(SMALL).is_ok());
         while let Some(piece) = body.frame().await {
             taken += piece.unwrap().into_data().unwrap().len();
         }
