@@ -87,12 +87,16 @@ pub fn turned(v: Vec2) -> Vec2 {
     Vec2::new(-v.y, v.x)
 }
 
-/// The point of the segment `a b` nearest to `p`.
-pub fn nearest_on_segment(p: Vec2, a: Vec2, b: Vec2) -> Vec2 {
+/// How far along the segment `a b` its point nearest to `p` lies: 0 at `a`, 1 at `b`.
+pub fn share_on_segment(p: Vec2, a: Vec2, b: Vec2) -> f64 {
     let ab = b - a;
     let length2 = ab.norm_squared();
-    let t = if length2 > 0.0 { ((p - a).dot(&ab) / length2).clamp(0.0, 1.0) } else { 0.0 };
-    a + ab * t
+    if length2 > 0.0 { ((p - a).dot(&ab) / length2).clamp(0.0, 1.0) } else { 0.0 }
+}
+
+/// The point of the segment `a b` nearest to `p`.
+pub fn nearest_on_segment(p: Vec2, a: Vec2, b: Vec2) -> Vec2 {
+    a + (b - a) * share_on_segment(p, a, b)
 }
 
 /// The distance of a point from the segment `a b`.

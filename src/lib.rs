@@ -34,6 +34,7 @@
 //! | [`sim`] | worlds with exact truth, a simulated LiDAR |
 //! | [`reproduce`] | the method's experiments, figure by figure |
 //! | `import` | CARMEN logs to job requests |
+//! | `access` | API keys |
 //! | `jobs` | requests, validation, states |
 //! | `store` | job records (SQLite), artifacts |
 //! | `worker` | solver threads, leases |
@@ -60,6 +61,8 @@ pub use map::{FittedMap, Survey, SurveyError};
 pub use scan::{LaserScan, Noise};
 pub use uncertainty::Kind;
 
+#[cfg(feature = "service")]
+pub mod access;
 #[cfg(feature = "service")]
 pub mod cli;
 #[cfg(feature = "service")]

@@ -4,16 +4,8 @@ mod support;
 
 use std::time::{Duration, Instant};
 
-use serde_json::{Value, json};
-use support::{Server, experiment_one, small};
-
-/// A job that takes some seconds.
-fn long(seed: u64) -> Value {
-    let mut request = experiment_one(seed);
-    request["map"]["resolution"] = 0.06.into();
-    request["fit"] = json!({"poses": "fixed"});
-    request
-}
+use serde_json::json;
+use support::{Server, long, small};
 
 fn until_fitting(server: &Server, id: &str) {
     let begun = Instant::now();

@@ -17,6 +17,7 @@ const ROOMS: [&str; 16] = [
     "import",
     "jobs",
     "store",
+    "access",
     "worker",
     "http",
     "cli",

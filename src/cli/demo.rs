@@ -44,7 +44,7 @@ impl Demo {
         let folder = self.out.display().to_string();
         std::fs::create_dir_all(&self.out).map_err(CliError::io(folder.clone()))?;
         let limits = Limits::default();
-        let house = House { data: data_in(&self.out), workers: None, max_control_points: limits.control_points };
+        let house = House::in_folder(data_in(&self.out), limits.control_points);
         let service = runtime.block_on(start(self.listen, &house))?;
         let url = format!("http://{}", service.address);
         println!("serving on {url}");

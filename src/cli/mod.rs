@@ -4,6 +4,7 @@ mod client;
 mod demo;
 mod fit;
 mod health;
+mod keys;
 mod reproduce;
 mod serve;
 mod submit;
@@ -37,6 +38,8 @@ enum Command {
     Demo(demo::Demo),
     /// Draw every figure and table of the method's two experiments, from simulation.
     Reproduce(reproduce::Reproduce),
+    /// Make, list and revoke API keys.
+    Keys(keys::Keys),
     /// Ask whether a server is ready; the exit code tells.
     Health(health::Health),
 }
@@ -96,6 +99,7 @@ pub fn main() -> std::process::ExitCode {
         Command::Fit(command) => command.run(),
         Command::Demo(command) => command.run(),
         Command::Reproduce(command) => command.run(),
+        Command::Keys(command) => command.run(),
         Command::Health(command) => command.run(),
     };
     match outcome {

@@ -12,8 +12,9 @@ use tokio::runtime::Runtime;
 use super::CliError;
 use crate::http::{HttpLimits, listener, router};
 use crate::jobs::Limits;
-use crate::store::{Artifacts, SqliteStore};
-use crate::worker::{Solvers, Workshop};
+use crate::store::{Artifacts, Quota, Records, SqliteStore};
+use crate::worker::webhooks::Allowed;
+use crate::worker::{Rules, Solvers, Workshop};
 
 /// How long running fits may go on after SIGTERM before they are handed back to the queue.
 const GRACE: Duration = Duration::from_secs(5);
@@ -29,6 +30,15 @@ pub struct Serve {
     /// Connections open at once; more wait.
     #[arg(long, env = "MAPFIT_CONNECTIONS", default_value_t = HttpLimits::default().connections)]
     pub connections: usize,
+    /// Requests a second that a key may make; without it they are not counted.
+    #[arg(long, env = "MAPFIT_RATE_LIMIT", value_parser = clap::value_parser!(u32).range(1..))]
+    pub rate_limit: Option<u32>,
+    /// Jobs of one tenant that may wait.
+    #[arg(long, env = "MAPFIT_QUOTA_QUEUED", default_value_t = HttpLimits::default().quota.queued)]
+    pub quota_queued: i64,
+    /// Bytes that one tenant's maps may take.
+    #[arg(long, env = "MAPFIT_QUOTA_BYTES")]
+    pub quota_bytes: Option<i64>,
     #[command(flatten)]
     pub house: House,
 }
@@ -51,30 +61,88 @@ pub struct House {
     /// Control points a map may have.
     #[arg(long, env = "MAPFIT_MAX_CONTROL_POINTS", default_value_t = Limits::default().control_points)]
     pub max_control_points: usize,
+    /// Megabytes that fits may hold together; half of the machine's or the container's by default. A fit that needs more
+    /// than is free waits, and one that needs more than this is refused.
+    #[arg(long, env = "MAPFIT_MEMORY", value_parser = clap::value_parser!(u64).range(16..))]
+    pub memory: Option<u64>,
+    /// Seconds that one attempt at a job may take.
+    #[arg(long, env = "MAPFIT_JOB_SECONDS", default_value_t = Rules::default().attempt_within.as_secs(), value_parser = clap::value_parser!(u64).range(1..))]
+    pub job_seconds: u64,
+    /// Seconds that a worker holds a job without a sign of life.
+    #[arg(long, env = "MAPFIT_LEASE_SECONDS", default_value_t = Rules::default().lease.as_secs(), value_parser = clap::value_parser!(u64).range(1..))]
+    pub lease_seconds: u64,
+    /// Seconds between two searches for artifacts that no map names.
+    #[arg(long, env = "MAPFIT_SWEEP_SECONDS", default_value_t = Rules::default().sweep_every.as_secs(), value_parser = clap::value_parser!(u64).range(1..))]
+    pub sweep_seconds: u64,
+    /// Jobs of one tenant that may run at once.
+    #[arg(long, env = "MAPFIT_QUOTA_RUNNING", value_parser = clap::value_parser!(i64).range(1..))]
+    pub quota_running: Option<i64>,
+    /// Networks that webhooks may reach beside public addresses (10.0.0.0/8,127.0.0.1/32).
+    #[arg(long, env = "MAPFIT_WEBHOOK_ALLOW", value_delimiter = ',')]
+    pub webhook_allow: Vec<ipnet::IpNet>,
 }
 
 impl House {
+    /// The usual house, elsewhere.
+    pub fn in_folder(data: PathBuf, max_control_points: usize) -> Self {
+        let usual = Rules::default();
+        Self {
+            data,
+            max_control_points,
+            workers: None,
+            memory: None,
+            job_seconds: usual.attempt_within.as_secs(),
+            lease_seconds: usual.lease.as_secs(),
+            sweep_seconds: usual.sweep_every.as_secs(),
+            quota_running: None,
+            webhook_allow: Vec::new(),
+        }
+    }
+
+    fn rules(&self) -> Rules {
+        let usual = Rules::default();
+        Rules {
+            lease: Duration::from_secs(self.lease_seconds),
+            sweep_every: Duration::from_secs(self.sweep_seconds),
+            attempt_within: Duration::from_secs(self.job_seconds),
+            memory: self.memory.map_or(usual.memory, |megabytes| megabytes.saturating_mul(1 << 20)),
+            running_a_tenant: self.quota_running.unwrap_or(usual.running_a_tenant),
+            webhooks: Allowed(self.webhook_allow.clone()),
+        }
+    }
+
     fn worker_count(&self) -> usize {
         self.workers.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, |n| n.get()))
     }
 
     async fn open(&self) -> Result<Arc<Workshop>, CliError> {
-        let folder = self.data.display();
-        // What robots saw is nobody else's on this machine.
-        let mut private = std::fs::DirBuilder::new();
-        std::os::unix::fs::DirBuilderExt::mode(private.recursive(true), 0o700);
-        private.create(&self.data).map_err(CliError::io(format!("the data folder {folder} cannot be made")))?;
-        let records = SqliteStore::open(&self.data.join("mapfit.sqlite")).await?;
+        let records = open_records(&self.data).await?;
         let artifacts = Artifacts::in_folder(&self.data.join("artifacts"))?;
         let limits = Limits { control_points: self.max_control_points, ..Limits::default() };
-        Ok(Workshop::new(Arc::new(records), artifacts, limits))
+        Ok(Workshop::new(records, artifacts, limits, self.rules()))
     }
+}
+
+/// The records under a data folder, which is made where it is missing.
+pub(super) async fn open_records(data: &Path) -> Result<Arc<dyn Records>, CliError> {
+    // What robots saw is nobody else's on this machine.
+    let mut private = std::fs::DirBuilder::new();
+    std::os::unix::fs::DirBuilderExt::mode(private.recursive(true), 0o700);
+    let folder = data.display();
+    private.create(data).map_err(CliError::io(format!("the data folder {folder} cannot be made")))?;
+    Ok(Arc::new(SqliteStore::open(&data.join("mapfit.sqlite")).await?))
 }
 
 impl Serve {
     fn limits(&self) -> HttpLimits {
         let patience = Duration::from_secs(self.request_seconds.max(1));
-        HttpLimits { patience, connections: self.connections.max(1), ..HttpLimits::default() }
+        HttpLimits {
+            patience,
+            connections: self.connections.max(1),
+            requests_a_second: self.rate_limit,
+            quota: Quota { queued: self.quota_queued, bytes: self.quota_bytes.unwrap_or(i64::MAX) },
+            ..HttpLimits::default()
+        }
     }
 
     pub fn run(self) -> Result<(), CliError> {
@@ -110,16 +178,16 @@ pub(super) struct Running {
 impl Running {
     /// Binds, opens the data, starts workers and the server.
     pub async fn start(listen: SocketAddr, house: &House, limits: HttpLimits) -> Result<Self, CliError> {
-        if !listen.ip().is_loopback() {
+        let workshop = house.open().await?;
+        if !listen.ip().is_loopback() && !workshop.records.has_keys().await? {
             return Err(CliError::Usage(format!(
                 "{listen} is not a loopback address, and there are no API keys: whoever reaches it could do anything. \
-                 Listen on 127.0.0.1 and let an authenticating proxy stand in front"
+                 Make one with `mapfit keys create --tenant T --scopes read,submit,admin`, or listen on 127.0.0.1"
             )));
         }
         let listener =
             TcpListener::bind(listen).await.map_err(CliError::io(format!("{listen} cannot be listened on")))?;
         let address = listener.local_addr().map_err(CliError::io("the listener has no address"))?;
-        let workshop = house.open().await?;
         let count = house.worker_count();
         let solvers = Solvers::start(workshop.clone(), count, &tokio::runtime::Handle::current());
         let solvers = solvers.map_err(CliError::io("a solver thread cannot be started"))?;

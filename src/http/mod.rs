@@ -3,7 +3,7 @@
 //! | place | what it holds |
 //! | --- | --- |
 //! | [`mod@router`] | all routes, and the document made of them |
-//! | [`jobs`], [`maps`], [`about`] | a folder a resource |
+//! | [`jobs`], [`maps`], [`places`], [`webhooks`], [`about`] | a folder a resource |
 //! | [`shared`] | what all routes share: problems, parameters, formats, bodies, budgets |
 //! | [`layers`] | what stands around all routes: who may ask, request ids, compression |
 //! | [`listener`] | connections: how many, and for how long |
@@ -15,8 +15,10 @@ pub mod jobs;
 pub mod layers;
 pub mod listener;
 pub mod maps;
+pub mod places;
 pub mod router;
 pub mod shared;
+pub mod webhooks;
 
 pub use router::{document, router};
 pub use shared::state::HttpLimits;

@@ -6,24 +6,27 @@ use std::sync::Arc;
 
 use axum::Router;
 use axum::http::StatusCode;
-use axum::middleware::from_fn;
+use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::get;
 use tower_http::CompressionLevel;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
 use utoipa::OpenApi;
+use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityScheme};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
-use super::about::{self, console};
-use super::jobs::{events, status, submit};
+use super::about::{self, console, usage};
+use super::jobs::{change, events, status, submit};
 use super::layers::compression::Texts;
-use super::layers::{conventions, guard};
+use super::layers::{conventions, guard, keys};
 use super::maps::{arrays, covariance, pictures, query, record};
+use super::places::{publish, read};
 use super::shared::problem::Problem;
 use super::shared::state::HttpLimits;
 use super::shared::{AppState, Service};
+use super::webhooks;
 use crate::worker::Workshop;
 
 #[derive(OpenApi)]
@@ -32,6 +35,8 @@ use crate::worker::Workshop;
     tags(
         (name = "jobs", description = "Scans in: submission, states, cancellation"),
         (name = "maps", description = "Maps out: coefficients, covariance, queries, pictures"),
+        (name = "places", description = "Names under which maps follow one another"),
+        (name = "webhooks", description = "Being told of what happens"),
         (name = "service", description = "Health and documentation"),
     )
 )]
@@ -41,12 +46,14 @@ struct Contract;
 fn described() -> OpenApiRouter<AppState> {
     OpenApiRouter::with_openapi(Contract::openapi())
         .routes(routes!(submit::submit_job, status::list_jobs))
-        .routes(routes!(status::get_job, status::cancel_job))
+        .routes(routes!(status::get_job, status::cancel_job, change::relabel_job))
+        .routes(routes!(change::retry_job))
         .routes(routes!(events::get_job_events))
         .routes(routes!(status::get_job_request))
         .routes(routes!(record::list_maps))
-        .routes(routes!(record::get_map, record::delete_map))
+        .routes(routes!(record::get_map, record::delete_map, record::relabel_map))
         .routes(routes!(arrays::get_map_coefficients))
+        .routes(routes!(arrays::get_map_surfaces))
         .routes(routes!(arrays::get_map_poses))
         .routes(routes!(covariance::get_map_covariance))
         .routes(routes!(query::query_map))
@@ -54,6 +61,16 @@ fn described() -> OpenApiRouter<AppState> {
         .routes(routes!(pictures::get_map_ogm))
         .routes(routes!(pictures::get_map_grid))
         .routes(routes!(pictures::get_map_image))
+        .routes(routes!(read::list_places))
+        .routes(routes!(read::get_place, publish::publish_map, publish::remove_place))
+        .routes(routes!(read::list_place_versions))
+        .routes(routes!(publish::roll_back_place))
+        .routes(routes!(read::get_place_map))
+        .routes(routes!(read::get_place_map_part, read::ask_place_map))
+        .routes(routes!(webhooks::add_webhook, webhooks::list_webhooks))
+        .routes(routes!(webhooks::get_webhook, webhooks::remove_webhook))
+        .routes(routes!(webhooks::list_deliveries))
+        .routes(routes!(usage::get_usage))
         .routes(routes!(about::get_openapi))
         .routes(routes!(about::get_livez))
         .routes(routes!(about::get_readyz))
@@ -62,7 +79,12 @@ fn described() -> OpenApiRouter<AppState> {
 /// The OpenAPI document, as `openapi/openapi.json` has it.
 pub fn document() -> String {
     // A document is plain data: writing it as JSON cannot fail.
-    described().into_openapi().to_pretty_json().unwrap_or_default() + "\n"
+    let mut document = described().into_openapi();
+    let key = Http::builder().scheme(HttpAuthScheme::Bearer).bearer_format("mapfit_ID_SECRET");
+    let key = key.description(Some("an API key, where the service has any: `mapfit keys create`"));
+    let components = document.components.get_or_insert_default();
+    components.add_security_scheme("key", SecurityScheme::Http(key.build()));
+    document.to_pretty_json().unwrap_or_default() + "\n"
 }
 
 /// The service.
@@ -71,13 +93,14 @@ pub fn router(workshop: Arc<Workshop>, limits: HttpLimits) -> Router {
     let docs = SwaggerUi::new("/docs").config(Config::from("/openapi.json").validator_url("none"));
     let (routes, _) = described().split_for_parts();
     routes
+        .route_layer(from_fn_with_state(state.clone(), keys::let_in))
         .route("/", get(console))
-        .with_state(state)
+        .with_state(state.clone())
         .merge(docs)
         .fallback(|| async { Problem::not_found("no such resource") })
         .method_not_allowed_fallback(|| async { Problem::of_status(StatusCode::METHOD_NOT_ALLOWED) })
         .layer(CatchPanicLayer::custom(conventions::after_panic))
-        .layer(from_fn(guard::loopback_only))
+        .layer(from_fn_with_state(state, guard::loopback_only))
         .layer(from_fn(guard::secured))
         .layer(from_fn(conventions::finish))
         .layer(CompressionLayer::new().quality(CompressionLevel::Fastest).compress_when(Texts))

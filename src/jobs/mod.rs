@@ -1,9 +1,10 @@
 //! A job's life: what is asked for, and what is known of it.
 //!
 //! [`request`] turns JSON into a validated [`JobRequest`], listing every fault; [`record`] has the states a job goes
-//! through. Records are kept by the [store](crate::store) and worked on by the [worker](crate::worker).
+//! through, [`lifecycle`] what it does where attempts fail. Records are kept by the [store](crate::store) and worked on by the [worker](crate::worker).
 
 pub mod document;
+pub mod lifecycle;
 mod limits;
 mod reader;
 pub mod record;

@@ -49,17 +49,11 @@ impl JobStatus {
 pub struct Progress {
     /// 0 to 100; an estimate while the fit runs.
     pub percent: f64,
-    /// `queued`, `preparing`, `fitting`, `covariance`, `storing` or `done`.
+    /// `queued`, `preparing`, `waiting for memory`, `fitting`, `covariance`, `storing` or `done`.
     pub stage: String,
     pub iteration: usize,
     pub max_iterations: usize,
     pub objective: Option<f64>,
-}
-
-impl Progress {
-    pub fn queued(max_iterations: usize) -> Self {
-        Self { percent: 0.0, stage: "queued".into(), iteration: 0, max_iterations, objective: None }
-    }
 }
 
 /// Why a job failed, in the members of RFC 9457.
@@ -91,6 +85,9 @@ pub struct Job {
     pub problem: Option<ProblemReport>,
     /// Grows with every change; the id of the job's latest event.
     pub revision: i64,
+    /// The job that this one tries again.
+    pub retry_of: Option<String>,
+    pub deadline: Option<i64>,
 }
 
 /// A finished map as the store keeps it; its arrays are artifacts under `prefix`.
@@ -106,4 +103,10 @@ pub struct MapRecord {
     pub lattice: Lattice,
     pub fit: FitReport,
     pub prefix: String,
+    /// Of its file, with the SHA-256 in hexadecimal where it is known.
+    pub bytes: i64,
+    pub sha256: Option<String>,
+    /// The map that this one grew from, and how many came before it.
+    pub parent: Option<String>,
+    pub version: i64,
 }

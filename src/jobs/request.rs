@@ -11,9 +11,9 @@ use thiserror::Error;
 use super::document::{DocumentError, Node};
 use super::limits::{Fault, Limits};
 use super::reader::{FARTHEST, LONGEST_TEXT, Reader};
-use crate::fit::{self, Distance, End, FitOptions, Poses, Weighting, pose_unknowns};
+use crate::fit::{self, Distance, End, FitOptions, Footprint, Poses, Weighting, pose_unknowns};
 use crate::geometry::{Bounds, Cov3, Pose, Vec2, psd_square_root};
-use crate::map::{FittedMap, MapError, Survey, SurveyError};
+use crate::map::{self, Cost, FittedMap, MapError, Survey, SurveyError};
 use crate::scan::{LaserScan, Noise, returns_of};
 use crate::spline::{Lattice, LatticeError};
 use crate::uncertainty::Factors;
@@ -37,11 +37,18 @@ pub struct JobRequest {
     pub distance: Distance,
     pub lattice: Lattice,
     pub options: FitOptions,
+    /// From submission.
+    pub deadline_seconds: Option<f64>,
 }
+
+/// A name or none, and labels, each where it is mentioned.
+pub type LabelChange = (Option<Option<String>>, Option<BTreeMap<String, String>>);
 
 /// Standard deviations outside this cannot be squared into anything useful.
 const SIGMAS: (f64, f64) = (1e-6, 1e3);
 const MOST_LABELS: usize = 64;
+/// Seconds: a job that ends in less was never begun, and one of more than a month has no deadline.
+const DEADLINES: (f64, f64) = (0.001, 2_678_400.0);
 
 impl JobRequest {
     /// What any entry of a map's covariance can be formed from; `map` is this request's.
@@ -67,6 +74,44 @@ impl JobRequest {
         survey.lattice(self.lattice.clone()).options(self.options)
     }
 
+    /// How large the fit is.
+    pub fn footprint(&self) -> Footprint {
+        fit::footprint(&self.scans, self.distance, &self.lattice, &self.options)
+    }
+
+    /// What the map will take.
+    pub fn cost(&self) -> Cost {
+        map::cost(self.distance, &self.footprint())
+    }
+
+    /// Whether the fit needs more memory than this; the exact size is found only where a bound on it does not tell.
+    pub fn outgrows(&self, bytes: u64) -> bool {
+        let values = self.scans.iter().map(|scan| scan.ranges.len()).sum();
+        let most = Footprint { control_points: self.lattice.len(), scans: self.scans.len(), returns: values };
+        map::cost(self.distance, &most).bytes > bytes as f64 && self.cost().bytes > bytes as f64
+    }
+
+    /// Reads a change of name and labels: the name, where it is mentioned at all, and the labels, likewise.
+    pub fn parse_labels(json: &[u8]) -> Result<LabelChange, RequestError> {
+        let limits = Limits::default();
+        let document = Node::parse(json, limits.values)?;
+        let mut reader = Reader::new(&limits);
+        if !matches!(document, Node::Object(_)) {
+            let _: Option<()> = reader.fault("", format!("a change is an object, not {}", document.kind()));
+            return Err(RequestError::Faults(reader.faults));
+        }
+        reader.known(&document, "", &["name", "labels"]);
+        let name = reader.optional(&document, "", "name", Reader::text);
+        let labels = reader.optional(&document, "", "labels", Reader::labels);
+        match (name, labels, reader.faults.is_empty()) {
+            (Some(name), Some(labels), true) => {
+                let labels = document.member("labels").map(|_| labels.unwrap_or_default());
+                Ok((document.member("name").map(|_| name), labels))
+            }
+            _ => Err(RequestError::Faults(reader.faults)),
+        }
+    }
+
     /// Reads and validates a request.
     pub fn parse(json: &[u8], limits: &Limits) -> Result<Self, RequestError> {
         let document = Node::parse(json, limits.values)?;
@@ -90,7 +135,9 @@ impl Reader<'_> {
         if !matches!(document, Node::Object(_)) {
             return self.fault("", format!("a job is an object, not {}", document.kind()));
         }
-        self.known(document, "", &["name", "labels", "scans", "noise", "map", "fit", "priority"]);
+        self.known(document, "", &["name", "labels", "scans", "noise", "map", "fit", "priority", "deadline_seconds"]);
+        let deadline =
+            self.optional(document, "", "deadline_seconds", |r, n, p| r.positive(n, p, DEADLINES.0, DEADLINES.1));
         let name = self.optional(document, "", "name", Self::text);
         let labels = self.optional(document, "", "labels", Self::labels);
         let priority = self.optional(document, "", "priority", |r, n, p| r.integer(n, p, -1000, 1000));
@@ -113,6 +160,7 @@ impl Reader<'_> {
             distance: map?.distance,
             lattice,
             options: options?.unwrap_or_default(),
+            deadline_seconds: deadline?,
         })
     }
 

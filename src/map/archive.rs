@@ -71,7 +71,7 @@ impl FittedMap {
                 covariances.iter().flat_map(|c| c.transpose().iter().copied().collect::<Vec<_>>()).collect();
             npz.array(name, &[covariances.len(), 3, 3], &flat)?;
         }
-        write_surfaces(&mut npz, &self.surfaces)?;
+        write_surfaces(&mut npz, &self.surfaces, ["facets", "facet_sigma", "facet_open"])?;
         npz.array("report", &[report.len()], &report)?;
         Ok(npz.finish()?)
     }
@@ -121,13 +121,13 @@ impl FittedMap {
     }
 }
 
-fn write_surfaces(npz: &mut NpzWriter, surfaces: &Surfaces) -> Result<(), NpzError> {
+fn write_surfaces(npz: &mut NpzWriter, surfaces: &Surfaces, names: [&str; 3]) -> Result<(), NpzError> {
     let facets = surfaces.facets();
     let ends: Vec<f64> = facets.iter().flat_map(|f| f.ends.map(|p| [p.x, p.y])).flatten().collect();
     let sigma: Vec<f64> = facets.iter().flat_map(|f| f.sigma).collect();
     let open: Vec<bool> = facets.iter().flat_map(|f| f.open).collect();
-    npz.array("facets", &[facets.len(), 2, 2], &ends)?.array("facet_sigma", &[facets.len(), 2], &sigma)?.array(
-        "facet_open",
+    npz.array(names[0], &[facets.len(), 2, 2], &ends)?.array(names[1], &[facets.len(), 2], &sigma)?.array(
+        names[2],
         &[facets.len(), 2],
         &open,
     )?;
@@ -251,6 +251,22 @@ pub fn on_lattice_npz(lattice: &Lattice, arrays: &[(&str, &[f64])]) -> Result<Ve
         npz.array(name, &[ny, nx], values)?;
     }
     npz.array("origin", &[2], &lattice.origin)?.array("resolution", &[], &[lattice.resolution])?;
+    npz.finish()
+}
+
+/// What a client needs to measure distances itself: a map's facets (`ends`, `sigma`: propagated and posterior, `open`)
+/// and where there is evidence (`observed`: not 0 where a beam passed or a surface was met, 4 x 4 marks a cell, lowest y
+/// first), with the lattice's `origin` and `resolution`.
+pub fn surfaces_npz(map: &FittedMap) -> Result<Vec<u8>, NpzError> {
+    let [width, height] = map.evidence.size();
+    let mut npz = NpzWriter::default();
+    write_surfaces(&mut npz, &map.surfaces, ["ends", "sigma", "open"])?;
+    let lattice = map.lattice();
+    npz.array("observed", &[height, width], map.evidence.marks())?.array("origin", &[2], &lattice.origin)?.array(
+        "resolution",
+        &[],
+        &[lattice.resolution],
+    )?;
     npz.finish()
 }
 

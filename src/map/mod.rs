@@ -6,6 +6,7 @@
 
 mod archive;
 mod clearance;
+mod cost;
 mod field;
 pub mod npz;
 mod query;
@@ -15,7 +16,8 @@ mod survey;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-pub use archive::{ArchiveError, factors_npz, on_lattice_npz, scipy_sparse};
+pub use archive::{ArchiveError, factors_npz, on_lattice_npz, scipy_sparse, surfaces_npz};
+pub use cost::{Cost, cost};
 pub use field::{CellCovariance, Field, VectorAt};
 pub(crate) use query::normal_cdf;
 pub use query::{Answer, SlopeCovariance};

@@ -14,7 +14,7 @@ use object_store::path::Path;
 use object_store::{ObjectStore, ObjectStoreExt, PutPayload};
 use thiserror::Error;
 
-use super::{JobStore, StoreError};
+use super::{Records, StoreError};
 
 #[derive(Debug, Error)]
 pub enum ArtifactsError {
@@ -104,7 +104,7 @@ impl Artifacts {
     }
 
     /// Removes what no map and no running attempt owns; how many prefixes that were.
-    pub async fn sweep(&self, records: &dyn JobStore) -> Result<usize, ArtifactsError> {
+    pub async fn sweep(&self, records: &dyn Records) -> Result<usize, ArtifactsError> {
         let mut swept = 0;
         for (job_id, attempt) in self.attempts().await? {
             let prefix = Self::prefix(&job_id, attempt);

@@ -3,28 +3,30 @@
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use sha2::{Digest, Sha256};
 use thiserror::Error;
 use tokio::runtime::Handle;
 use uuid::Uuid;
 
 use super::Workshop;
 use crate::fit::FitError;
+use crate::jobs::lifecycle::{MAX_ATTEMPTS, backoff, runs_again};
 use crate::jobs::{JobRequest, MapRecord, ProblemReport, Progress, RequestError};
 use crate::map::{ArchiveError, FittedMap, MapError, Stage, Step, SurveyError};
-use crate::store::{Artifacts, ArtifactsError, Claim, MAX_ATTEMPTS, StoreError};
+use crate::store::{Artifacts, ArtifactsError, Claim, StoreError};
 use crate::uncertainty::UncertaintyError;
 
 /// How often the lease is renewed and progress carried to the store.
 const HEARTBEAT: Duration = Duration::from_millis(500);
-/// The first delay before a retry; it doubles with every attempt.
-const FIRST_BACKOFF: Duration = Duration::from_secs(1);
 
 #[derive(Debug, Error)]
 enum AttemptError {
     #[error("the attempt was told to stop")]
     Stopped,
+    #[error("the fit was not done after {} s, as long as one may take (--job-seconds)", .0.as_secs())]
+    TooLong(Duration),
     #[error("the stored request cannot be read: {0}")]
     Request(#[from] RequestError),
     #[error("the stored request cannot be unpacked: {0}")]
@@ -63,13 +65,14 @@ impl AttemptError {
                 ("ill-determined", "The scans do not determine the map")
             }
             Self::Survey(_) => ("fit-failed", "The map could not be fitted"),
+            Self::TooLong(_) => ("job-too-long", "The job took longer than one may"),
             Self::Panic(_) => ("solver-panicked", "The solver failed in a way it should not"),
             _ => ("internal-error", "The job could not be finished"),
         };
         ProblemReport {
             r#type: format!("/problems/{slug}"),
             title: title.into(),
-            status: if matches!(self, Self::Survey(_)) { 422 } else { 500 },
+            status: if matches!(self, Self::Survey(_) | Self::TooLong(_)) { 422 } else { 500 },
             detail: self.to_string(),
         }
     }
@@ -83,15 +86,24 @@ pub(super) fn run(workshop: &Arc<Workshop>, runtime: &Handle, claim: Claim) {
     let heart = runtime.spawn(keep_lease(workshop.clone(), id.clone(), attempt, progress.clone(), stop.clone()));
     // A panic in the numerics costs this attempt, not the solver thread.
     let work = std::panic::AssertUnwindSafe(|| work(workshop, runtime, &claim, &progress, &stop));
-    let outcome = std::panic::catch_unwind(work).unwrap_or_else(|panic| {
+    let began = Instant::now();
+    let mut outcome = std::panic::catch_unwind(work).unwrap_or_else(|panic| {
         let text = panic.downcast_ref::<String>().cloned();
         let text = text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
         Err(AttemptError::Panic(text.unwrap_or_default()))
     });
     heart.abort();
     workshop.leave(&id);
-    if let Err(error) = outcome {
-        runtime.block_on(settle(workshop, &id, attempt, &error));
+    let within = workshop.rules.attempt_within;
+    if matches!(outcome, Err(AttemptError::Stopped)) && began.elapsed() >= within {
+        outcome = Err(AttemptError::TooLong(within));
+    }
+    match outcome {
+        Ok(()) => {
+            workshop.metrics.attempt_ended("successful");
+            workshop.hooks.notify_one();
+        }
+        Err(error) => runtime.block_on(settle(workshop, &claim, &error)),
     }
 }
 
@@ -105,10 +117,16 @@ fn work(
     let json = zstd::decode_all(&claim.request[..]).map_err(AttemptError::Unpack)?;
     let request = JobRequest::parse(&json, &workshop.limits)?;
     drop(json);
+    set_stage(progress, "waiting for memory", 0.0);
+    let need = request.cost().bytes as u64;
+    let held = workshop.memory.reserve(need, &|| !stop.load(Ordering::Relaxed)).ok_or(AttemptError::Stopped)?;
+    set_stage(progress, "fitting", 0.0);
     let map = fit_request(&request, progress, stop)?;
     set_stage(progress, "storing", WHOLE.1);
+    let fitted = Instant::now();
     let prefix = Artifacts::prefix(&claim.job.id, claim.job.attempt);
     let bytes = map.to_npz()?;
+    let (length, sha256) = (bytes.len() as i64, hexadecimal(&Sha256::digest(&bytes)));
     if stop.load(Ordering::Relaxed) {
         return Err(AttemptError::Stopped);
     }
@@ -124,11 +142,24 @@ fn work(
         lattice: map.lattice().clone(),
         fit: map.report.clone(),
         prefix,
+        bytes: length,
+        sha256: Some(sha256),
+        parent: None,
+        version: 1,
     };
-    match runtime.block_on(workshop.records.succeed(claim.job.attempt, &record))? {
-        true => Ok(()),
+    drop((map, held));
+    let done = Progress::done(claim.job.progress.max_iterations, &record.fit);
+    match runtime.block_on(workshop.records.succeed(claim.job.attempt, &record, &done))? {
+        true => {
+            workshop.metrics.fitted(record.distance.name(), &record.fit, fitted.elapsed());
+            Ok(())
+        }
         false => Err(AttemptError::Stopped),
     }
+}
+
+fn hexadecimal(digest: &[u8]) -> String {
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// The fit and its covariance. `progress` is kept up to date; `stop` ends the work within a step.
@@ -173,14 +204,20 @@ async fn keep_lease(
     progress: Arc<Mutex<Progress>>,
     stop: Arc<AtomicBool>,
 ) {
-    let mut beat = tokio::time::interval(HEARTBEAT);
+    let lease = workshop.rules.lease;
+    let mut beat = tokio::time::interval(HEARTBEAT.min(lease / 3));
+    let time_is_up = Instant::now() + workshop.rules.attempt_within;
     loop {
         beat.tick().await;
+        if Instant::now() >= time_is_up {
+            stop.store(true, Ordering::Relaxed);
+        }
         let now = progress.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        match workshop.records.heartbeat(&id, attempt, &now).await {
+        match workshop.records.heartbeat(&id, attempt, &now, lease).await {
             Ok(true) => {}
             Ok(false) => {
                 tracing::info!(job = %id, attempt, "the lease is lost; the fit stops");
+                workshop.metrics.lease_lost();
                 stop.store(true, Ordering::Relaxed);
                 return;
             }
@@ -191,19 +228,27 @@ async fn keep_lease(
 }
 
 /// Says in the store what became of an attempt that has no map.
-async fn settle(workshop: &Workshop, id: &str, attempt: i64, error: &AttemptError) {
-    let records = &workshop.records;
+async fn settle(workshop: &Workshop, claim: &Claim, error: &AttemptError) {
+    let (records, id, attempt) = (&workshop.records, &claim.job.id[..], claim.job.attempt);
+    let queued = Progress::queued(claim.job.progress.max_iterations);
     let outcome = match error {
         // Draining hands the job back; where the lease is lost this writes nothing.
-        AttemptError::Stopped => records.release(id, attempt).await,
+        AttemptError::Stopped => {
+            workshop.metrics.attempt_ended("stopped");
+            records.release(id, attempt, &queued).await
+        }
         error if error.may_pass() && attempt < MAX_ATTEMPTS => {
             tracing::warn!(job = %id, attempt, %error, "the attempt failed and is retried");
-            let delay = FIRST_BACKOFF * 2u32.saturating_pow(attempt.clamp(1, 10) as u32 - 1);
-            records.retry(id, attempt, delay, &error.to_string()).await
+            workshop.metrics.attempt_ended("retried");
+            let message = runs_again(attempt, &error.to_string());
+            records.retry(id, attempt, backoff(attempt), &message, &queued).await
         }
         error => {
             tracing::warn!(job = %id, attempt, %error, "the job failed");
-            records.fail(id, attempt, &error.problem()).await
+            workshop.metrics.attempt_ended("failed");
+            let failed = records.fail(id, attempt, &error.problem()).await;
+            workshop.hooks.notify_one();
+            failed
         }
     };
     if let Err(error) = outcome {

@@ -7,7 +7,11 @@
 //! infrastructure's errors retry, with backoff.
 
 mod attempt;
+mod memory;
+mod metrics;
+mod rules;
 mod watch;
+pub mod webhooks;
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,50 +22,71 @@ use std::time::{Duration, Instant};
 use tokio::runtime::Handle;
 use tokio::sync::Notify;
 
-use crate::jobs::Limits;
-use crate::store::{Artifacts, Claim, JobStore};
+use crate::jobs::{Limits, lifecycle};
+use crate::store::{Artifacts, Claim, Records, Terms};
 
 pub use attempt::fit_request;
+pub use memory::of_this_machine;
+pub use metrics::Metrics;
+pub use rules::Rules;
+
+use memory::Memory;
 
 /// How long an idle solver waits before it looks for work that nobody told it of.
 const IDLE: Duration = Duration::from_millis(500);
 /// How often lapsed leases are looked for.
 const REAP: Duration = Duration::from_secs(2);
-/// How often artifacts nobody names are swept.
-const SWEEP: Duration = Duration::from_secs(3600);
-
 /// How long readiness is believed, and how long its probe may take.
 const READY_FOR: Duration = Duration::from_secs(1);
 const PROBE_WITHIN: Duration = Duration::from_secs(3);
 
 /// What solvers and the HTTP side share.
 pub struct Workshop {
-    pub records: Arc<dyn JobStore>,
+    pub records: Arc<dyn Records>,
     pub artifacts: Artifacts,
     pub limits: Limits,
+    pub rules: Rules,
     /// Told when a job was accepted.
     pub arrivals: Notify,
+    /// Told when a map was published at a place in this process.
+    pub published: Notify,
+    /// Told when there may be something to tell by a webhook.
+    pub hooks: Notify,
+    memory: Memory,
+    pub metrics: Metrics,
     /// Flags of the attempts that run in this process, by job.
     running: Mutex<HashMap<String, Arc<AtomicBool>>>,
     draining: tokio::sync::watch::Sender<bool>,
-    followed: watch::Followed,
+    followed: watch::Followed<String>,
+    waited_for: watch::Followed<(String, String)>,
     /// The last probe of readiness, and when it ended. Locked while one is under way: who asks meanwhile gets its outcome.
     ready: tokio::sync::Mutex<Option<(Instant, Result<(), String>)>>,
 }
 
 impl Workshop {
-    pub fn new(records: Arc<dyn JobStore>, artifacts: Artifacts, limits: Limits) -> Arc<Self> {
+    pub fn new(
+        records: Arc<dyn Records>,
+        artifacts: Artifacts,
+        limits: Limits,
+        rules: Rules,
+    ) -> Result<Arc<Self>, prometheus::Error> {
         let draining = tokio::sync::watch::Sender::new(false);
-        Arc::new(Self {
+        Ok(Arc::new(Self {
             records,
             artifacts,
             limits,
+            memory: Memory::new(rules.memory),
+            metrics: Metrics::new()?,
+            rules,
             arrivals: Notify::new(),
+            published: Notify::new(),
+            hooks: Notify::new(),
             running: Mutex::default(),
             draining,
             followed: Default::default(),
+            waited_for: Default::default(),
             ready: Default::default(),
-        })
+        }))
     }
 
     /// Stops a job's attempt in this process within one step, if it runs here.
@@ -126,6 +151,9 @@ impl Solvers {
         runtime.spawn(keep_house(workshop.clone()));
         let watched = workshop.clone();
         runtime.spawn(async move { watched.watch_jobs().await });
+        let watched = workshop.clone();
+        runtime.spawn(async move { watched.watch_places().await });
+        runtime.spawn(webhooks::deliver(workshop.clone()));
         let threads = (0..count)
             .map(|k| {
                 let (workshop, runtime) = (workshop.clone(), runtime.clone());
@@ -176,7 +204,9 @@ fn solve(workshop: &Arc<Workshop>, runtime: &Handle, name: &str) {
 async fn next_claim(workshop: &Workshop, name: &str) -> Result<Option<Claim>, crate::store::StoreError> {
     // Listening starts before looking, so that a job accepted in between is not missed.
     let arrival = workshop.arrivals.notified();
-    if let Some(claim) = workshop.records.claim(name).await? {
+    let Rules { lease, running_a_tenant, .. } = workshop.rules;
+    let terms = Terms { worker: name.to_owned(), lease, running_a_tenant };
+    if let Some(claim) = workshop.records.claim(&terms).await? {
         return Ok(Some(claim));
     }
     let _ = tokio::time::timeout(IDLE, arrival).await;
@@ -185,14 +215,16 @@ async fn next_claim(workshop: &Workshop, name: &str) -> Result<Option<Claim>, cr
 
 async fn keep_house(workshop: Arc<Workshop>) {
     let mut reap = tokio::time::interval(REAP);
-    let mut sweep = tokio::time::interval(SWEEP);
+    let mut sweep = tokio::time::interval(workshop.rules.sweep_every);
     loop {
         tokio::select! {
-            _ = reap.tick() => match workshop.records.reap().await {
+            _ = reap.tick() => match workshop.records.reap(lifecycle::after_lapse).await {
                 Ok(0) => {}
                 Ok(lapsed) => {
-                    tracing::warn!(lapsed, "leases had lapsed");
+                    tracing::warn!(lapsed, "leases had lapsed, or deadlines passed");
+                    workshop.metrics.reaped(lapsed);
                     workshop.arrivals.notify_waiters();
+                    workshop.hooks.notify_one();
                 }
                 Err(error) => tracing::warn!(%error, "lapsed leases could not be looked for"),
             },

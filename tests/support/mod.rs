@@ -49,8 +49,14 @@ impl Answer {
 
 impl Server {
     pub fn start(data: &Path, workers: usize) -> Self {
+        Self::start_with(data, workers, &[])
+    }
+
+    /// With further arguments to `serve`.
+    pub fn start_with(data: &Path, workers: usize, arguments: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_mapfit"))
             .args(["serve", "--listen", "127.0.0.1:0", "--log", "warn", "--workers", &workers.to_string()])
+            .args(arguments)
             .arg("--data")
             .arg(data)
             .stdout(Stdio::piped())
@@ -153,6 +159,14 @@ pub fn experiment_one(seed: u64) -> Value {
 pub fn small(seed: u64) -> Value {
     let mut request = experiment_one(seed);
     request["map"]["resolution"] = 0.5.into();
+    request
+}
+
+/// A job that takes tens of seconds.
+pub fn long(seed: u64) -> Value {
+    let mut request = experiment_one(seed);
+    request["map"]["resolution"] = 0.06.into();
+    request["fit"] = serde_json::json!({"poses": "fixed"});
     request
 }
 

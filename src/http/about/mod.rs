@@ -1,5 +1,7 @@
 //! Health, the machine-readable contract, and the console.
 
+pub mod usage;
+
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};

@@ -14,9 +14,9 @@ use axum::response::{IntoResponse, Response};
 use futures::stream::{self, Stream, StreamExt};
 
 use super::record::JobBody;
-use crate::http::shared::AppState;
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
+use crate::http::shared::{AppState, Caller};
 use crate::jobs::Job;
 
 /// Proxies are told not to hold events back.
@@ -24,7 +24,7 @@ static UNBUFFERED: (HeaderName, HeaderValue) =
     (HeaderName::from_static("x-accel-buffering"), HeaderValue::from_static("no"));
 
 /// Follow a job.
-#[utoipa::path(get, operation_id = "get_job_events", path = "/v1/jobs/{id}/events", tag = "jobs",
+#[utoipa::path(get, operation_id = "get_job_events", path = "/v1/jobs/{id}/events", tag = "jobs", security(("key" = ["read"])),
     params(("id" = String, Path), ("Last-Event-ID" = Option<String>, Header, description = "resume behind this event")),
     responses((status = 200, body = serde_json::Value, content_type = "text/event-stream",
             description = "`progress` events, each with the job's progress, and last one `status` event with the job"),
@@ -32,12 +32,13 @@ static UNBUFFERED: (HeaderName, HeaderValue) =
         Refused))]
 pub async fn get_job_events(
     State(state): State<AppState>,
+    caller: Caller,
     Path(id): Path<String>,
     uri: Uri,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     Params::of(&uri).finish()?;
-    let job = state.job(&id).await?;
+    let job = state.job(&caller, &id).await?;
     let seen = headers.get("last-event-id").and_then(|id| id.to_str().ok()).and_then(|id| id.trim().parse().ok());
     let seen: i64 = seen.unwrap_or(0);
     if job.status.has_ended() && seen == job.revision {
@@ -46,25 +47,25 @@ pub async fn get_job_events(
     // An id this job has not reached is another job's, or made up.
     let seen = if seen > job.revision { 0 } else { seen };
     let keep_alive = KeepAlive::new().interval(Duration::from_secs(10));
-    let mut response = Sse::new(follow(state, id, seen)).keep_alive(keep_alive).into_response();
+    let mut response = Sse::new(follow(state, caller, id, seen)).keep_alive(keep_alive).into_response();
     response.headers_mut().insert(UNBUFFERED.0.clone(), UNBUFFERED.1.clone());
     Ok(response)
 }
 
-fn follow(state: AppState, id: String, seen: i64) -> impl Stream<Item = Result<Event, Infallible>> {
-    let first = (state, id, seen, false);
-    stream::unfold(first, |(state, id, mut seen, over)| async move {
+fn follow(state: AppState, caller: Caller, id: String, seen: i64) -> impl Stream<Item = Result<Event, Infallible>> {
+    let first = (state, caller, id, seen, false);
+    stream::unfold(first, |(state, caller, id, mut seen, over)| async move {
         if over {
             return None;
         }
         loop {
             // The job was deleted from under us, or the database is away: the client reconnects.
-            let job = state.job(&id).await.ok()?;
+            let job = state.job(&caller, &id).await.ok()?;
             if job.revision > seen {
                 let over = job.status.has_ended();
                 let events = if over { ending(&job, seen) } else { progress(&job, job.revision).into_iter().collect() };
                 seen = job.revision;
-                return Some((stream::iter(events), (state, id, seen, over)));
+                return Some((stream::iter(events), (state, caller, id, seen, over)));
             }
             let changed = tokio::select! {
                 changed = state.workshop.changed_since(&id, seen) => changed,

@@ -1,5 +1,7 @@
 //! Jobs: submission, states, lists, long poll, server-sent events, cancellation.
 
+pub mod change;
+pub mod dry_run;
 pub mod events;
 pub mod record;
 pub mod schema;

@@ -38,8 +38,25 @@ pub struct JobBody {
     /// Set once failed.
     #[schema(required)]
     pub problem: Option<ProblemReport>,
+    /// The job that this one tries again.
+    #[schema(required)]
+    pub retry_of: Option<String>,
+    /// Past it the job has failed.
+    #[schema(format = "date-time", required)]
+    pub deadline: Option<String>,
+    /// Of a job that is fitted in parts; null for an undivided one.
+    #[schema(required)]
+    pub parts: Option<Parts>,
     /// Addresses by relation: self, events, request, and map once there is one.
     pub links: BTreeMap<&'static str, String>,
+}
+
+/// How many parts a job has, and how far they are.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Parts {
+    pub total: u32,
+    pub done: u32,
+    pub running: u32,
 }
 
 impl From<Job> for JobBody {
@@ -66,6 +83,9 @@ impl From<Job> for JobBody {
             priority: job.priority,
             map_id: job.map_id,
             problem: job.problem,
+            retry_of: job.retry_of,
+            deadline: job.deadline.and_then(timestamp),
+            parts: None,
             links,
         }
     }

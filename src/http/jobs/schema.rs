@@ -27,6 +27,9 @@ pub struct JobRequestBody {
     /// Higher runs first.
     #[schema(minimum = -1000, maximum = 1000)]
     priority: Option<i32>,
+    /// From submission; past it the job is failed.
+    #[schema(minimum = 0.001, maximum = 2678400.0)]
+    deadline_seconds: Option<f64>,
 }
 
 /// One laser scan; beam k has bearing angle_min + k angle_increment from the pose's heading.

@@ -9,24 +9,27 @@ use axum::response::{IntoResponse, Response};
 
 use super::record::JobBody;
 use super::schema::JobRequestBody;
-use crate::http::shared::AppState;
 use crate::http::shared::compute::Queue;
 use crate::http::shared::page::Page;
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
-use crate::http::shared::state::TENANT;
+use crate::http::shared::{AppState, Caller, Scope};
 use crate::jobs::{Job, JobStatus};
 use crate::store::{Cancellation, Listing, Removal};
 
 /// List jobs, newest first.
-#[utoipa::path(get, operation_id = "list_jobs", path = "/v1/jobs", tag = "jobs",
+#[utoipa::path(get, operation_id = "list_jobs", path = "/v1/jobs", tag = "jobs", security(("key" = ["read"])),
     params(
         ("status" = Option<JobStatus>, Query, description = "jobs in this state alone"),
         ("label" = Option<Vec<String>>, Query, explode, max_items = 16, description = "key:value; may be repeated, all must match"),
         ("limit" = Option<u32>, Query, minimum = 1, maximum = 1000), ("cursor" = Option<String>, Query),
     ),
     responses((status = 200, description = "a page of jobs", body = Page<JobBody>), Refused))]
-pub async fn list_jobs(State(state): State<AppState>, uri: Uri) -> Result<Json<Page<JobBody>>, Problem> {
+pub async fn list_jobs(
+    State(state): State<AppState>,
+    caller: Caller,
+    uri: Uri,
+) -> Result<Json<Page<JobBody>>, Problem> {
     let mut params = Params::of(&uri);
     let (limit, before) = params.page();
     let labels = params.labels();
@@ -37,24 +40,25 @@ pub async fn list_jobs(State(state): State<AppState>, uri: Uri) -> Result<Json<P
     }
     params.finish()?;
     let status = status.and_then(Result::ok);
-    let listing = Listing { tenant: TENANT.into(), status, labels, bbox: None, before, limit: limit + 1 };
+    let listing = Listing { tenant: caller.tenant.to_string(), status, labels, bbox: None, before, limit: limit + 1 };
     let jobs = state.workshop.records.jobs(&listing).await?;
     Ok(Json(Page::of(jobs, limit, |job: &Job| &job.id)))
 }
 
 /// A job's state; with `wait`, answers when the job has ended or after that many seconds.
-#[utoipa::path(get, operation_id = "get_job", path = "/v1/jobs/{id}", tag = "jobs",
+#[utoipa::path(get, operation_id = "get_job", path = "/v1/jobs/{id}", tag = "jobs", security(("key" = ["read"])),
     params(("id" = String, Path), ("wait" = Option<f64>, Query, minimum = 0, maximum = 60, description = "seconds")),
     responses((status = 200, description = "the job", body = JobBody), Refused))]
 pub async fn get_job(
     State(state): State<AppState>,
+    caller: Caller,
     Path(id): Path<String>,
     uri: Uri,
 ) -> Result<Json<JobBody>, Problem> {
     let mut params = Params::of(&uri);
     let wait = params.number("wait", 0.0, 60.0).unwrap_or(0.0);
     params.finish()?;
-    let mut job = state.job(&id).await?;
+    let mut job = state.job(&caller, &id).await?;
     if wait > 0.0 && !job.status.has_ended() {
         let deadline = tokio::time::sleep(Duration::from_secs_f64(wait));
         tokio::pin!(deadline);
@@ -65,22 +69,23 @@ pub async fn get_job(
                 () = &mut deadline => true,
                 () = state.workshop.drained() => true,
             };
-            job = state.job(&id).await?;
+            job = state.job(&caller, &id).await?;
         }
     }
     Ok(Json(job.into()))
 }
 
 /// The accepted request, whole.
-#[utoipa::path(get, operation_id = "get_job_request", path = "/v1/jobs/{id}/request", tag = "jobs", params(("id" = String, Path)),
+#[utoipa::path(get, operation_id = "get_job_request", path = "/v1/jobs/{id}/request", tag = "jobs", security(("key" = ["read"])), params(("id" = String, Path)),
     responses((status = 200, description = "the request as it was accepted", body = JobRequestBody), Refused))]
 pub async fn get_job_request(
     State(state): State<AppState>,
+    caller: Caller,
     Path(id): Path<String>,
     uri: Uri,
 ) -> Result<Response, Problem> {
     Params::of(&uri).finish()?;
-    let compressed = state.workshop.records.request(TENANT, &id).await?;
+    let compressed = state.workshop.records.request(&caller.tenant, &id).await?;
     let compressed = compressed.ok_or_else(|| Problem::not_found(format!("there is no job {id}")))?;
     let unpack = move |_: &_| zstd::decode_all(&compressed[..]).map_err(|error| Problem::internal(&error));
     let json = state.compute.run(Queue::Requests, unpack).await?;
@@ -90,7 +95,7 @@ pub async fn get_job_request(
 /// Cancel a job that has not ended; a running fit stops within one step.
 ///
 /// With `purge=true`, removes a job that has ended, and its request, where its map is deleted or it has none.
-#[utoipa::path(delete, operation_id = "cancel_job", path = "/v1/jobs/{id}", tag = "jobs",
+#[utoipa::path(delete, operation_id = "cancel_job", path = "/v1/jobs/{id}", tag = "jobs", security(("key" = ["submit"])),
     params(("id" = String, Path),
         ("purge" = Option<bool>, Query, description = "true: remove an ended job, and its request")),
     responses((status = 200, body = JobBody, description = "dismissed"),
@@ -98,14 +103,20 @@ pub async fn get_job_request(
         (status = 409, body = crate::http::shared::problem::ProblemBody, content_type = "application/problem+json",
             description = "it has ended; or, to be removed, it has not, or its map is still there"),
         Refused))]
-pub async fn cancel_job(State(state): State<AppState>, Path(id): Path<String>, uri: Uri) -> Result<Response, Problem> {
+pub async fn cancel_job(
+    State(state): State<AppState>,
+    caller: Caller,
+    Path(id): Path<String>,
+    uri: Uri,
+) -> Result<Response, Problem> {
     let mut params = Params::of(&uri);
     let purge = params.choice("purge", &[("false", false), ("true", true)]);
     params.finish()?;
     if purge {
-        return remove(&state, &id).await;
+        caller.needs(Scope::Admin)?;
+        return remove(&state, &caller, &id).await;
     }
-    match state.workshop.records.cancel(TENANT, &id).await? {
+    match state.workshop.records.cancel(&caller.tenant, &id).await? {
         Cancellation::Dismissed(job) => {
             state.workshop.stop(&id);
             Ok(Json(JobBody::from(job)).into_response())
@@ -118,9 +129,9 @@ pub async fn cancel_job(State(state): State<AppState>, Path(id): Path<String>, u
     }
 }
 
-async fn remove(state: &AppState, id: &str) -> Result<Response, Problem> {
+async fn remove(state: &AppState, caller: &Caller, id: &str) -> Result<Response, Problem> {
     let conflict = |slug, title, detail: String| Problem::new(StatusCode::CONFLICT, slug, title, detail);
-    match state.workshop.records.remove_job(TENANT, id).await? {
+    match state.workshop.records.remove_job(&caller.tenant, id).await? {
         Removal::Removed => Ok(StatusCode::NO_CONTENT.into_response()),
         Removal::NotEnded => Err(conflict("job-has-not-ended", "The job has not ended", "cancel it first".into())),
         Removal::HasMap(map) => {

@@ -3,38 +3,74 @@
 use axum::Json;
 use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
+use serde::Serialize;
 use sha2::{Digest, Sha256};
+use utoipa::ToSchema;
 
+use super::dry_run::DryRun;
 use super::record::JobBody;
 use super::schema::JobRequestBody;
-use crate::http::shared::AppState;
-use crate::http::shared::compute::Queue;
+use crate::http::shared::compute::{Leash, Queue};
 use crate::http::shared::negotiate::JSON;
+use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
-use crate::http::shared::state::TENANT;
+use crate::http::shared::{AppState, Caller};
 use crate::jobs::{Fault, JobRequest, Limits, Progress, RequestError};
 use crate::store::{NewJob, Submission};
+
+/// A job that was there already, or what one would be.
+#[derive(Debug, Serialize, ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code)]
+enum Submitted {
+    Job(Box<JobBody>),
+    DryRun(DryRun),
+}
 
 /// Submit a job.
 ///
 /// The job is durable before the answer is sent. With `Idempotency-Key`, a repeat of the same body returns the first
-/// job.
-#[utoipa::path(post, operation_id = "submit_job", path = "/v1/jobs", tag = "jobs",
+/// job. With `dry_run=true` nothing is kept: the answer says what the map would be and cost.
+#[utoipa::path(post, operation_id = "submit_job", path = "/v1/jobs", tag = "jobs", security(("key" = ["submit"])),
     params(("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255,
-        description = "makes a repeat of the same body return the first job")),
+        description = "makes a repeat of the same body return the first job"),
+        ("dry_run" = Option<bool>, Query, description = "true: say what the map would be and cost, and keep nothing")),
     request_body(content = JobRequestBody, description = "scans, their noise, and the map to fit; may be gzip or zstd"),
     responses(
         (status = 202, body = JobBody, description = "accepted", headers(("location" = String, description = "the job's address"))),
-        (status = 200, body = JobBody, description = "this key and body were accepted before", headers(("location" = String, description = "the job's address"))),
+        (status = 200, body = Submitted, description = "this key and body were accepted before; or, of a dry run, what it would be"),
         Refused,
     ))]
-pub async fn submit_job(State(state): State<AppState>, headers: HeaderMap, body: Body) -> Result<Response, Problem> {
+pub async fn submit_job(
+    State(state): State<AppState>,
+    caller: Caller,
+    uri: Uri,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let mut params = Params::of(&uri);
+    let dry_run = params.choice("dry_run", &[("false", false), ("true", true)]);
+    if let Err(problem) = params.finish() {
+        state.discard(body);
+        return Err(problem);
+    }
     let received = state.read_body(&headers, body, &[JSON.media]).await?;
+    if dry_run {
+        let limits = state.workshop.limits;
+        let try_out = move |_: &Leash| Ok(DryRun::of(&parse(&received.unpack()?, &limits)?));
+        return Ok(Json(state.compute.run(Queue::Requests, try_out).await?).into_response());
+    }
     let key = idempotency_key(&headers)?;
-    let limits = state.workshop.limits;
-    let new = state.compute.run(Queue::Requests, move |_| prepare(&received.unpack()?, key, &limits)).await?;
+    let (limits, quota, budget) = (state.workshop.limits, state.limits.quota, state.workshop.rules.memory);
+    let prepare = move |_: &Leash| prepare(&received.unpack()?, key, &limits, budget);
+    let new = state.compute.run(Queue::Requests, prepare).await?;
+    accept(&state, NewJob { tenant: caller.tenant.to_string(), quota: Some(quota), ..new }).await
+}
+
+/// Submits, and answers with the job.
+pub async fn accept(state: &AppState, new: NewJob) -> Result<Response, Problem> {
     let (status, job) = match state.workshop.records.submit(new).await? {
         Submission::Accepted(job) => (StatusCode::ACCEPTED, job),
         Submission::Repeated(job) => (StatusCode::OK, job),
@@ -42,6 +78,11 @@ pub async fn submit_job(State(state): State<AppState>, headers: HeaderMap, body:
             let detail = "this Idempotency-Key was used with another body";
             let fault = Fault { pointer: String::new(), detail: detail.into() };
             return Err(Problem { slug: "idempotency-key-reused", ..Problem::invalid(vec![fault]) });
+        }
+        Submission::OverQuota(what) => {
+            let detail = format!("the tenant has as many {what} as it may; see /v1/usage");
+            let problem = Problem::new(StatusCode::TOO_MANY_REQUESTS, "over-quota", "Over quota", detail);
+            return Err(Problem { retry_after: Some(30), ..problem });
         }
     };
     state.workshop.arrivals.notify_one();
@@ -64,15 +105,28 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     }
 }
 
-fn prepare(json: &[u8], key: Option<String>, limits: &Limits) -> Result<NewJob, Problem> {
-    let request = JobRequest::parse(json, limits).map_err(|error| match error {
+fn parse(json: &[u8], limits: &Limits) -> Result<JobRequest, Problem> {
+    JobRequest::parse(json, limits).map_err(|error| match error {
         RequestError::Document(error) => error.into(),
         RequestError::Faults(faults) => Problem::invalid(faults),
-    })?;
+    })
+}
+
+fn prepare(json: &[u8], key: Option<String>, limits: &Limits, budget: u64) -> Result<NewJob, Problem> {
+    let request = parse(json, limits)?;
+    if request.outgrows(budget) {
+        let need = request.cost().bytes / f64::from(1 << 20);
+        let detail = format!(
+            "the fit needs about {need:.0} MiB of memory, and the service may use {} MiB (--memory); a coarser resolution or \
+             smaller bounds need less",
+            budget >> 20
+        );
+        return Err(Problem::invalid(vec![Fault { pointer: "/map/resolution".into(), detail }]));
+    }
     let body: String = Sha256::digest(json).iter().map(|byte| format!("{byte:02x}")).collect();
     let compressed = zstd::encode_all(json, 1).map_err(|error| Problem::internal(&error))?;
     Ok(NewJob {
-        tenant: TENANT.into(),
+        tenant: String::new(),
         name: request.name,
         labels: request.labels,
         priority: request.priority,
@@ -80,5 +134,8 @@ fn prepare(json: &[u8], key: Option<String>, limits: &Limits) -> Result<NewJob, 
         message: None,
         request: compressed,
         idempotency: key.map(|key| (key, body)),
+        retry_of: None,
+        deadline_seconds: request.deadline_seconds,
+        quota: None,
     })
 }

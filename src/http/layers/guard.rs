@@ -1,12 +1,12 @@
 //! Who may ask at all, and what a browser may do with an answer.
 //!
-//! Without API keys the service trusts whoever is on the machine, and so a page that a browser on it was lured to must not
+//! Without API keys (with them, see [`super::keys`]) the service trusts whoever is on the machine, and so a page that a browser on it was lured to must not
 //! be: a name that an attacker lets point to 127.0.0.1 (DNS rebinding) shows in `Host`, and a foreign page in `Origin`.
 //! Both must name a loopback address. Pages carry a content security policy without wildcards, their scripts by hash.
 
 use std::net::IpAddr;
 
-use axum::extract::Request;
+use axum::extract::{Request, State};
 use axum::http::uri::Authority;
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::Next;
@@ -15,10 +15,17 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use sha2::{Digest, Sha256};
 
+use crate::http::shared::AppState;
 use crate::http::shared::problem::Problem;
 
 /// Refuses what does not come from this machine, by the names it uses.
-pub async fn loopback_only(request: Request, next: Next) -> Response {
+pub async fn loopback_only(State(state): State<AppState>, request: Request, next: Next) -> Response {
+    match state.has_keys().await {
+        // A key is what a lured page does not have.
+        Ok(true) => return next.run(request).await,
+        Ok(false) => {}
+        Err(problem) => return problem.into_response(),
+    }
     let named = request.headers().get(header::HOST).map(|host| host.to_str().unwrap_or_default().to_owned());
     let host = named.or_else(|| request.uri().authority().map(|authority| authority.as_str().to_owned()));
     if !host.as_deref().is_some_and(is_loopback) {

@@ -3,3 +3,4 @@
 pub mod compression;
 pub mod conventions;
 pub mod guard;
+pub mod keys;

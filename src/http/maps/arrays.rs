@@ -1,4 +1,4 @@
-//! A map's arrays: coefficients and poses.
+//! A map's arrays: coefficients, surfaces and poses.
 
 use axum::response::Response;
 use serde::Serialize;
@@ -11,7 +11,7 @@ use crate::geometry::{Cov3, Pose};
 use crate::http::shared::negotiate::{Binary, JSON, NPZ};
 use crate::http::shared::problem::{Problem, Refused, to_json};
 use crate::jobs::MapRecord;
-use crate::map::{FittedMap, on_lattice_npz};
+use crate::map::{FittedMap, on_lattice_npz, surfaces_npz};
 
 /// A number a control point, x fastest; null where one is not in use. A signed map has `sdf`, a vector map the others.
 #[derive(Debug, Serialize, ToSchema)]
@@ -69,7 +69,7 @@ struct FittedPose {
 }
 
 /// A map's coefficients, x fastest.
-#[utoipa::path(get, operation_id = "get_map_coefficients", path = "/v1/maps/{id}/coefficients", tag = "maps",
+#[utoipa::path(get, operation_id = "get_map_coefficients", path = "/v1/maps/{id}/coefficients", tag = "maps", security(("key" = ["read"])),
     params(("id" = String, Path), ("format" = Option<String>, Query, pattern = "^(json|npz)$", description = "json or npz")),
     responses((status = 200, description = "`{lattice, sdf}` or `{lattice, vdf_x, vdf_y}`; or npz with those of shape (ny+3, nx+3), \
             `origin`, `resolution`. Null (NaN) where a control point is not in use",
@@ -87,8 +87,20 @@ pub async fn get_map_coefficients(request: MapRequest) -> Result<Response, Probl
     request.answer(&[JSON, NPZ], make).await
 }
 
+/// What a client needs to measure distances itself, without the service.
+#[utoipa::path(get, operation_id = "get_map_surfaces", path = "/v1/maps/{id}/surfaces", tag = "maps", security(("key" = ["read"])),
+    params(("id" = String, Path), ("format" = Option<String>, Query, pattern = "^(npz)$", description = "npz")),
+    responses((status = 200, description = "`ends` (n, 2, 2), `sigma` (n, 2: propagated, posterior) and `open` (n, 2) of the surfaces' \
+            straight pieces; `observed` (rows, columns), lowest y first; `origin`, `resolution` of the lattice",
+            content((Binary = "application/x-npz"))),
+        (status = 304, description = "unchanged"),
+        Refused))]
+pub async fn get_map_surfaces(request: MapRequest) -> Result<Response, Problem> {
+    request.answer(&[NPZ], |map, _, _| Ok(surfaces_npz(map)?)).await
+}
+
 /// The poses as the fit leaves them: refined with their covariances, or as reported.
-#[utoipa::path(get, operation_id = "get_map_poses", path = "/v1/maps/{id}/poses", tag = "maps", params(("id" = String, Path)),
+#[utoipa::path(get, operation_id = "get_map_poses", path = "/v1/maps/{id}/poses", tag = "maps", security(("key" = ["read"])), params(("id" = String, Path)),
     responses((status = 200, description = "the poses", body = PosesBody), (status = 304, description = "unchanged"),
         Refused))]
 pub async fn get_map_poses(request: MapRequest) -> Result<Response, Problem> {

@@ -16,7 +16,6 @@ use crate::http::shared::compute::{Leash, Queue};
 use crate::http::shared::negotiate::{Binary, Format, JSON, NPZ};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused, to_json};
-use crate::http::shared::state::TENANT;
 use crate::jobs::JobRequest;
 use crate::map::FittedMap;
 use crate::map::npz::NpzWriter;
@@ -81,7 +80,7 @@ enum CovarianceBody {
 }
 
 /// The covariance of a map's coefficients.
-#[utoipa::path(get, operation_id = "get_map_covariance", path = "/v1/maps/{id}/covariance", tag = "maps",
+#[utoipa::path(get, operation_id = "get_map_covariance", path = "/v1/maps/{id}/covariance", tag = "maps", security(("key" = ["read"])),
     params(("id" = String, Path),
         ("kind" = Option<String>, Query, pattern = "^(propagated|posterior)$", description = "propagated (default) or posterior"),
         ("form" = Option<String>, Query, pattern = "^(diagonal|block|sparse|full|factors)$", description = "diagonal (default), block, sparse, full or factors"),
@@ -143,7 +142,7 @@ async fn factors(wanted: &Wanted) -> Result<Arc<Factors>, Problem> {
     if let Some(known) = state.known_factors(&record.id) {
         return Ok(known);
     }
-    let packed = state.workshop.records.request(TENANT, &record.job_id).await?;
+    let packed = state.workshop.records.request(&wanted.caller.tenant, &record.job_id).await?;
     let packed =
         packed.ok_or_else(|| Problem::not_found("the map's job is gone, and with it what this is formed from"))?;
     let map = state.load(record).await?;

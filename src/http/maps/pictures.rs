@@ -25,7 +25,7 @@ const WIDTHS: (usize, usize) = (200, 4096);
 const DEFAULT_WIDTH: usize = 900;
 
 /// A level line of the distance, and the band it lies in.
-#[utoipa::path(get, operation_id = "get_map_contours", path = "/v1/maps/{id}/contours", tag = "maps",
+#[utoipa::path(get, operation_id = "get_map_contours", path = "/v1/maps/{id}/contours", tag = "maps", security(("key" = ["read"])),
     params(("id" = String, Path),
         ("level" = Option<f64>, Query, minimum = -1000000, maximum = 1000000, description = "metres; 0 by default: the walls"),
         ("sigma_band" = Option<f64>, Query, minimum = 0.001, maximum = 100, description = "adds the band of that many standard deviations"),
@@ -55,7 +55,7 @@ pub async fn get_map_contours(mut request: MapRequest) -> Result<Response, Probl
 }
 
 /// The occupancy grid map.
-#[utoipa::path(get, operation_id = "get_map_ogm", path = "/v1/maps/{id}/ogm", tag = "maps",
+#[utoipa::path(get, operation_id = "get_map_ogm", path = "/v1/maps/{id}/ogm", tag = "maps", security(("key" = ["read"])),
     params(("id" = String, Path),
         ("resolution" = Option<f64>, Query, minimum = 0.0001, maximum = 10000, description = "metres a cell; the lattice's by default"),
         ("kind" = Option<String>, Query, pattern = "^(propagated|posterior)$", description = "propagated (default) or posterior"),
@@ -84,7 +84,7 @@ pub async fn get_map_ogm(mut request: MapRequest) -> Result<Response, Problem> {
 }
 
 /// Rasters for planners: distance, sigma and clearance at cell centres, NaN where nothing was observed.
-#[utoipa::path(get, operation_id = "get_map_grid", path = "/v1/maps/{id}/grid", tag = "maps",
+#[utoipa::path(get, operation_id = "get_map_grid", path = "/v1/maps/{id}/grid", tag = "maps", security(("key" = ["read"])),
     params(("id" = String, Path),
         ("layers" = Option<String>, Query, pattern = "^(distance|sigma|clearance)(,(distance|sigma|clearance))*$", description = "distance, sigma, clearance; comma-separated, all by default"),
         ("resolution" = Option<f64>, Query, minimum = 0.0001, maximum = 10000, description = "metres a cell; the lattice's by default"),
@@ -143,7 +143,7 @@ fn occupancy_json(grid: &OccupancyGrid, record: &MapRecord) -> Value {
 }
 
 /// A picture with axes in metres and a colour bar.
-#[utoipa::path(get, operation_id = "get_map_image", path = "/v1/maps/{id}/image", tag = "maps",
+#[utoipa::path(get, operation_id = "get_map_image", path = "/v1/maps/{id}/image", tag = "maps", security(("key" = ["read"])),
     params(("id" = String, Path),
         ("layer" = Option<String>, Query, pattern = "^(distance|sigma|occupancy)$", description = "distance (default), sigma or occupancy"),
         ("overlay" = Option<String>, Query, pattern = "^$|^(contour|points|poses)(,(contour|points|poses))*$", description = "contour, points, poses; comma-separated"),

@@ -11,12 +11,12 @@ use axum::http::request::Parts;
 use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 
-use crate::http::shared::AppState;
 use crate::http::shared::compute::Queue;
 use crate::http::shared::negotiate::{Format, negotiate};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::Problem;
 use crate::http::shared::tag::Tag;
+use crate::http::shared::{AppState, Caller};
 use crate::jobs::MapRecord;
 use crate::map::FittedMap;
 use crate::uncertainty::Kind;
@@ -27,8 +27,11 @@ pub const KINDS: [(&str, Kind); 2] = [("propagated", Kind::Propagated), ("poster
 /// A request for a map, its record found.
 pub struct MapRequest {
     pub state: AppState,
+    pub caller: Caller,
     pub record: MapRecord,
     pub params: Params,
+    /// Of the record, where that is what is asked for: name and labels may change.
+    pub version: String,
     headers: HeaderMap,
     uri: Uri,
 }
@@ -37,12 +40,15 @@ impl FromRequestParts<AppState> for MapRequest {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &AppState) -> Result<Self, Problem> {
+        let Ok(caller) = Caller::from_request_parts(parts, state).await;
         let Path(id) = Path::<String>::from_request_parts(parts, state)
             .await
             .map_err(|_| Problem::not_found("there is no such map"))?;
         Ok(Self {
-            record: state.map_record(&id).await?,
+            record: state.map_record(&caller, &id).await?,
+            caller,
             params: Params::of(&parts.uri),
+            version: String::new(),
             headers: parts.headers.clone(),
             uri: parts.uri.clone(),
             state: state.clone(),
@@ -53,6 +59,7 @@ impl FromRequestParts<AppState> for MapRequest {
 /// A request whose representation has to be made.
 pub struct Wanted {
     pub state: AppState,
+    pub caller: Caller,
     pub record: MapRecord,
     pub format: Format,
     tag: Tag,
@@ -70,10 +77,16 @@ impl MapRequest {
     pub fn settle(mut self, offered: &[Format]) -> Result<Settled, Problem> {
         let format = negotiate(&self.headers, &mut self.params, offered)?;
         self.params.finish()?;
-        let tag = Tag::of(&self.uri, format);
+        let tag = Tag::of(&self.uri, format, &self.version);
         Ok(match tag.not_modified(&self.headers) {
             Some(response) => Settled::Unchanged(response),
-            None => Settled::Wanted(Box::new(Wanted { state: self.state, record: self.record, format, tag })),
+            None => Settled::Wanted(Box::new(Wanted {
+                state: self.state,
+                caller: self.caller,
+                record: self.record,
+                format,
+                tag,
+            })),
         })
     }
 

@@ -2,13 +2,18 @@
 
 pub mod body;
 pub mod cache;
+pub mod caller;
 pub mod compute;
 pub mod negotiate;
 pub mod page;
 pub mod params;
 pub mod problem;
+pub mod rate;
 pub mod ration;
+pub mod relabel;
+pub mod rules;
 pub mod state;
 pub mod tag;
 
+pub use caller::{Caller, Scope};
 pub use state::{AppState, Service};

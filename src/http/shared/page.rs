@@ -27,6 +27,19 @@ impl<T: ToSchema> Page<T> {
     }
 }
 
+impl<T: ToSchema> Page<T> {
+    /// The same of rows that a number orders.
+    pub fn numbered<S>(mut rows: Vec<S>, limit: i64, number: impl Fn(&S) -> i64) -> Self
+    where
+        T: From<S>,
+    {
+        let more = rows.len() as i64 > limit;
+        rows.truncate(limit as usize);
+        let next_cursor = rows.last().filter(|_| more).map(|last| to_cursor(&number(last).to_string()));
+        Self { items: rows.into_iter().map(T::from).collect(), next_cursor }
+    }
+}
+
 const CURSOR: &str = "before:";
 
 /// The opaque cursor that continues below an id.
@@ -36,9 +49,17 @@ pub fn to_cursor(id: &str) -> String {
 
 /// The id a cursor continues below, where it is one of ours.
 pub fn from_cursor(cursor: &str) -> Option<String> {
+    uuid::Uuid::parse_str(&below(cursor)?).ok().map(|id| id.to_string())
+}
+
+/// The number a cursor continues below, likewise.
+pub fn from_numbered_cursor(cursor: &str) -> Option<i64> {
+    below(cursor)?.parse().ok()
+}
+
+fn below(cursor: &str) -> Option<String> {
     let text = String::from_utf8(URL_SAFE_NO_PAD.decode(cursor).ok()?).ok()?;
-    let id = text.strip_prefix(CURSOR)?;
-    uuid::Uuid::parse_str(id).ok().map(|id| id.to_string())
+    text.strip_prefix(CURSOR).map(str::to_owned)
 }
 
 /// RFC 3339 in UTC, to the millisecond.

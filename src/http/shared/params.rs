@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use axum::http::Uri;
 
-use super::page::from_cursor;
+use super::page::{from_cursor, from_numbered_cursor};
 use super::problem::Problem;
 
 /// The query of one request.
@@ -102,6 +102,16 @@ impl Params {
             before
         });
         (limit, before)
+    }
+
+    /// The same of a list that a number orders.
+    pub fn numbered_page(&mut self) -> (i64, Option<i64>) {
+        let limit = self.number("limit", 1, MOST_ITEMS).unwrap_or(DEFAULT_ITEMS);
+        let cursor = self.text("cursor").map(from_numbered_cursor);
+        if cursor == Some(None) {
+            self.fault("cursor", "is not one this service gave");
+        }
+        (limit, cursor.flatten())
     }
 
     /// The faults as one problem, or nothing.

@@ -24,6 +24,8 @@ pub struct Problem {
     pub title: &'static str,
     pub detail: String,
     pub errors: Vec<FaultBody>,
+    /// Seconds after which to try again, of a 429 or 503.
+    pub retry_after: Option<u32>,
 }
 
 /// An RFC 9457 problem.
@@ -68,7 +70,7 @@ pub enum Refused {
 
 impl Problem {
     pub fn new(status: StatusCode, slug: &'static str, title: &'static str, detail: impl Into<String>) -> Self {
-        Self { status, slug, title, detail: detail.into(), errors: Vec::new() }
+        Self { status, slug, title, detail: detail.into(), errors: Vec::new(), retry_after: None }
     }
 
     /// The problem of a status that needs no more words.
@@ -144,11 +146,18 @@ impl Problem {
     }
 }
 
+/// RFC 6750: how to come in.
+const CHALLENGE: HeaderValue = HeaderValue::from_static("Bearer realm=\"mapfit\"");
+
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
         let mut response = self.status.into_response();
-        if self.status == StatusCode::SERVICE_UNAVAILABLE {
-            response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("5"));
+        let may_pass = matches!(self.status, StatusCode::SERVICE_UNAVAILABLE | StatusCode::TOO_MANY_REQUESTS);
+        if let Some(seconds) = self.retry_after.or(may_pass.then_some(5)) {
+            response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
+        }
+        if self.status == StatusCode::UNAUTHORIZED {
+            response.headers_mut().insert(header::WWW_AUTHENTICATE, CHALLENGE);
         }
         response.extensions_mut().insert(self);
         response

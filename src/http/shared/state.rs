@@ -1,14 +1,19 @@
 //! What every handler shares.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use super::cache::Cache;
+use super::caller::Caller;
 use super::compute::{Compute, Queue, too_slow};
 use super::problem::Problem;
+use super::rate::Rates;
 use super::ration::Ration;
+use super::rules::Rules;
 use crate::jobs::{Job, MapRecord};
 use crate::map::FittedMap;
+use crate::store::Quota;
 use crate::uncertainty::Factors;
 use crate::worker::Workshop;
 
@@ -21,6 +26,11 @@ pub struct Service {
     pub answers: Ration,
     /// The OpenAPI document.
     pub document: String,
+    /// What its routes need, and how often a key may ask.
+    pub rules: Rules,
+    pub rates: Rates,
+    /// Whether there were keys when it was last looked: there is no way back.
+    keyed: AtomicBool,
     maps: Cache<FittedMap>,
     /// Held while a map is loaded, so that many who ask for one at once load it once.
     loading: tokio::sync::Mutex<()>,
@@ -29,9 +39,6 @@ pub struct Service {
 }
 
 pub type AppState = Arc<Service>;
-
-/// The tenant of requests without a key; with API keys each key will bring its own.
-pub const TENANT: &str = "default";
 
 /// What the HTTP side may use of the machine.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,6 +54,10 @@ pub struct HttpLimits {
     pub patience: Duration,
     /// Open connections.
     pub connections: usize,
+    /// Requests a key may make in a second; `None` counts none.
+    pub requests_a_second: Option<u32>,
+    /// What a tenant may have.
+    pub quota: Quota,
 }
 
 impl Default for HttpLimits {
@@ -58,6 +69,8 @@ impl Default for HttpLimits {
             cache: 256 << 20,
             patience: Duration::from_secs(60),
             connections: 8192,
+            requests_a_second: None,
+            quota: Quota { queued: 100_000, bytes: i64::MAX },
         }
     }
 }
@@ -65,6 +78,9 @@ impl Default for HttpLimits {
 impl Service {
     pub fn new(workshop: Arc<Workshop>, limits: HttpLimits, document: String) -> Self {
         Self {
+            rules: Rules::of(&document),
+            rates: Rates::new(limits.requests_a_second),
+            keyed: AtomicBool::new(false),
             workshop,
             document,
             limits,
@@ -77,15 +93,23 @@ impl Service {
         }
     }
 
+    /// Whether nobody comes in without a key.
+    pub async fn has_keys(&self) -> Result<bool, Problem> {
+        if !self.keyed.load(Ordering::Relaxed) && self.workshop.records.has_keys().await? {
+            self.keyed.store(true, Ordering::Relaxed);
+        }
+        Ok(self.keyed.load(Ordering::Relaxed))
+    }
+
     /// A job, 404 where there is none.
-    pub async fn job(&self, id: &str) -> Result<Job, Problem> {
-        let job = self.workshop.records.job(TENANT, id).await?;
+    pub async fn job(&self, caller: &Caller, id: &str) -> Result<Job, Problem> {
+        let job = self.workshop.records.job(&caller.tenant, id).await?;
         job.ok_or_else(|| Problem::not_found(format!("there is no job {id}")))
     }
 
     /// A map's record, 404 where there is none.
-    pub async fn map_record(&self, id: &str) -> Result<MapRecord, Problem> {
-        let record = self.workshop.records.map(TENANT, id).await?;
+    pub async fn map_record(&self, caller: &Caller, id: &str) -> Result<MapRecord, Problem> {
+        let record = self.workshop.records.map(&caller.tenant, id).await?;
         record.ok_or_else(|| Problem::not_found(format!("there is no map {id}")))
     }
 

@@ -7,13 +7,14 @@ use sha2::{Digest, Sha256};
 
 use super::negotiate::Format;
 
-/// The ETag of one representation of a map: of its address, format and the version that renders it.
+/// The ETag of one representation of a map: of its address, format and the version that renders it, and of what may
+/// change of it.
 pub struct Tag(String);
 
 impl Tag {
-    pub fn of(uri: &Uri, format: Format) -> Self {
+    pub fn of(uri: &Uri, format: Format, version: &str) -> Self {
         let mut digest = Sha256::new();
-        for part in [env!("CARGO_PKG_VERSION"), uri.path(), uri.query().unwrap_or_default(), format.media] {
+        for part in [env!("CARGO_PKG_VERSION"), uri.path(), uri.query().unwrap_or_default(), format.media, version] {
             digest.update(part.as_bytes());
             digest.update([0]);
         }

@@ -28,7 +28,7 @@ use rstar::primitives::{GeomWithData, Line};
 use super::Field;
 use super::query::normal_cdf;
 use crate::fit::Surfels;
-use crate::geometry::{Vec2, nearest_on_segment, turned};
+use crate::geometry::{Vec2, share_on_segment, turned};
 use crate::uncertainty::Kind;
 
 /// Where a surface ends is known to this many cells, where it turns away to that many, and how far it strays from its
@@ -142,12 +142,13 @@ impl Facet {
 
     fn foot(&self, p: Vec2, kind: Kind, resolution: f64) -> Foot {
         let [a, b] = self.ends;
-        let point = nearest_on_segment(p, a, b);
+        let share = share_on_segment(p, a, b);
+        let point = a + (b - a) * share;
         let along = (b - a).normalize();
         let distance = (p - point).norm();
         let away = (p - point).try_normalize(1e-9).unwrap_or(turned(along));
         let across = self.sigma(kind).hypot(STRAY * resolution);
-        let at_end = (point == a && self.open[0]) || (point == b && self.open[1]);
+        let at_end = (share == 0.0 && self.open[0]) || (share == 1.0 && self.open[1]);
         let tangential = if at_end { END } else { TURN } * resolution;
         let (n, t) = (turned(along).dot(&away), along.dot(&away));
         Foot { point, distance, sigma: (n * across).hypot(t * tangential), away }

@@ -14,11 +14,11 @@ use utoipa::ToSchema;
 use self::answer::QueryAnswer;
 use self::question::{Question, marks, parse, points_of_npy};
 use super::request::KINDS;
-use crate::http::shared::AppState;
 use crate::http::shared::compute::{Leash, Queue};
 use crate::http::shared::negotiate::{Binary, JSON, NPY, NPZ, negotiate};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
+use crate::http::shared::{AppState, Caller};
 use crate::uncertainty::Kind;
 
 /// [x, y], metres.
@@ -75,7 +75,7 @@ const SIGNED_ALONE: std::ops::Range<usize> = 6..8;
 const VECTOR_ALONE: std::ops::Range<usize> = 8..10;
 
 /// Ask a map about points.
-#[utoipa::path(post, operation_id = "query_map", path = "/v1/maps/{id}/query", tag = "maps", params(("id" = String, Path),
+#[utoipa::path(post, operation_id = "query_map", path = "/v1/maps/{id}/query", tag = "maps", security(("key" = ["read"])), params(("id" = String, Path),
         ("kind" = Option<String>, Query, pattern = "^(propagated|posterior)$", description = "npy bodies: propagated (default) or posterior"),
         ("fields" = Option<String>, Query, pattern = "^(distance|gradient|sigma|nearest|clearance|observed|gradient_covariance|distance_gradient_covariance|vector|vector_covariance)(,(distance|gradient|sigma|nearest|clearance|observed|gradient_covariance|distance_gradient_covariance|vector|vector_covariance))*$", description = "npy bodies: comma-separated; all by default"),
         ("format" = Option<String>, Query, pattern = "^(json|npz)$", description = "json or npz")),
@@ -85,12 +85,13 @@ const VECTOR_ALONE: std::ops::Range<usize> = 8..10;
         Refused))]
 pub async fn query_map(
     State(state): State<AppState>,
+    caller: Caller,
     Path(id): Path<String>,
     uri: Uri,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    let record = match state.map_record(&id).await {
+    let record = match state.map_record(&caller, &id).await {
         Ok(record) => record,
         Err(problem) => {
             state.discard(body);

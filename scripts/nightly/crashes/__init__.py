@@ -1,0 +1,1 @@
+"""Kill -9 while jobs flow, then check the books."""

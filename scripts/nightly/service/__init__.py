@@ -1,0 +1,1 @@
+"""A real mapfit process, connections to it, and answers read strictly."""

@@ -1,0 +1,70 @@
+//! Who is let in to which route, by key, scope and rate; decided before a body is read.
+//!
+//! What a route needs is in [`crate::http::shared::rules`].
+
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+
+use crate::access;
+use crate::http::shared::AppState;
+use crate::http::shared::caller::{Caller, Scope};
+use crate::http::shared::problem::Problem;
+
+/// Lets in whoever has the key that the route needs.
+pub async fn let_in(State(state): State<AppState>, path: MatchedPath, mut request: Request, next: Next) -> Response {
+    let rule = state.rules.of_route(request.method(), path.as_str());
+    let (caller, rate) = match admit(&state, request.headers(), rule).await {
+        Ok(admitted) => admitted,
+        Err(problem) => return problem.into_response(),
+    };
+    request.extensions_mut().insert(caller);
+    let mut response = next.run(request).await;
+    if let Some(left) = rate {
+        state.rates.mark(response.headers_mut(), left);
+    }
+    response
+}
+
+/// The caller, and how many requests are left where they are counted.
+async fn admit(
+    state: &AppState,
+    headers: &HeaderMap,
+    rule: Option<Option<Scope>>,
+) -> Result<(Caller, Option<u32>), Problem> {
+    let scope = match rule {
+        Some(None) => return Ok((Caller::anybody(), None)),
+        Some(scope) => scope,
+        // A method that the route does not have: the router says so.
+        None => None,
+    };
+    let (caller, counted_as) = match state.has_keys().await? {
+        false => (Caller::anybody(), String::new()),
+        true => authenticate(state, headers).await?,
+    };
+    let left = state.rates.count(&counted_as)?;
+    if let Some(scope) = scope {
+        caller.needs(scope)?;
+    }
+    Ok((caller, left))
+}
+
+async fn authenticate(state: &AppState, headers: &HeaderMap) -> Result<(Caller, String), Problem> {
+    let refuse = |detail: &str| Problem::new(StatusCode::UNAUTHORIZED, "unauthorized", "A key is needed", detail);
+    let given = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
+    let Some(given) = given else { return Err(refuse("send Authorization: Bearer KEY")) };
+    let key =
+        given.split_once(' ').filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer")).map(|(_, key)| key.trim());
+    let known = match key.and_then(access::id_of) {
+        Some(id) => state.workshop.records.key(id).await?,
+        None => None,
+    };
+    match (key, known) {
+        (Some(key), Some(known)) if access::opens(key, &known) => {
+            let scopes = known.scopes.iter().filter_map(|name| Scope::from_name(name)).collect();
+            Ok((Caller::with_key(&known.tenant, scopes), known.id))
+        }
+        _ => Err(refuse("the key is not known here, or was revoked")),
+    }
+}

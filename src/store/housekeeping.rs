@@ -1,0 +1,33 @@
+//! What keeps a store in order, whoever uses it.
+
+use async_trait::async_trait;
+
+use super::StoreError;
+use crate::jobs::Job;
+use crate::jobs::lifecycle::Verdict;
+
+/// What a tenant has now.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Holdings {
+    pub queued: i64,
+    pub running: i64,
+    pub maps: i64,
+    /// Of maps.
+    pub bytes: i64,
+}
+
+/// Who says what becomes of a job.
+pub type Judge = for<'a> fn(&'a Job) -> Verdict;
+
+#[async_trait]
+pub trait Housekeeping: Send + Sync {
+    /// Does with jobs whose lease lapsed what the verdict says, and fails those past their deadline; how many.
+    async fn reap(&self, verdict: Judge) -> Result<u64, StoreError>;
+    /// Whether some map or running attempt owns an artifact prefix.
+    async fn owns_prefix(&self, prefix: &str, job_id: &str, attempt: i64) -> Result<bool, StoreError>;
+    /// Whether work can be taken: reads what every request needs, and commits a row.
+    async fn probe(&self) -> Result<(), StoreError>;
+    async fn holdings(&self, tenant: &str) -> Result<Holdings, StoreError>;
+    /// Of every tenant together, and the age of the oldest waiting job, milliseconds.
+    async fn totals(&self) -> Result<(Holdings, Option<i64>), StoreError>;
+}

@@ -1,0 +1,127 @@
+//! Lapsed leases, deadlines, readiness, counts.
+
+use async_trait::async_trait;
+use sqlx::AssertSqlSafe;
+
+use super::rows::{self, JOB};
+use super::{PostgresStore, now};
+use crate::jobs::Progress;
+use crate::jobs::lifecycle::{Verdict, past_deadline};
+use crate::store::{Holdings, Housekeeping, Judge, StoreError};
+
+/// Jobs failed for their deadline by one statement, and how many such statements a reaping makes.
+const BATCH: i64 = 100;
+const BATCHES: usize = 10;
+
+const LAPSED: &str = concat!(
+    " FROM leases AS l JOIN jobs AS j ON j.id = l.job_id WHERE l.lease_until < ",
+    now!(),
+    " ORDER BY l.lease_until LIMIT 1000"
+);
+const OVERDUE: &str = concat!(
+    "WITH due AS MATERIALIZED (SELECT id FROM jobs WHERE deadline IS NOT NULL AND status IN ('accepted', 'running') \
+     AND deadline < ",
+    now!(),
+    " ORDER BY deadline LIMIT $2 FOR UPDATE SKIP LOCKED) \
+     UPDATE jobs SET status = 'failed', revision = revision + 1, problem = $1, finished = ",
+    now!(),
+    ", updated = ",
+    now!(),
+    " FROM due WHERE jobs.id = due.id"
+);
+
+/// A rescue begins and ends like this. It holds the job, then the lease, and looks whether that has lapsed once it is held: one
+/// that was renewed, ended or rescued meanwhile stays as it is.
+macro_rules! rescued {
+    ($($assignment:expr),+) => {
+        concat!("WITH held AS MATERIALIZED (SELECT id FROM jobs WHERE id = $1 AND attempt = $2 AND status = 'running' \
+                 FOR UPDATE SKIP LOCKED), lapsed AS MATERIALIZED (SELECT l.job_id FROM leases AS l \
+                 JOIN held ON held.id = l.job_id WHERE l.attempt = $2 AND l.lease_until < ", now!(), " FOR UPDATE OF l) \
+                 UPDATE jobs SET revision = revision + 1, updated = ", now!(), ", ", $($assignment),+,
+                " FROM lapsed WHERE jobs.id = lapsed.job_id")
+    };
+}
+const FAIL: &str = rescued!("status = 'failed', problem = $3, finished = ", now!());
+const AGAIN: &str = rescued!("status = 'accepted', message = $3, progress = $4");
+const OWNED: &str = "SELECT EXISTS (SELECT 1 FROM maps WHERE prefix = $1) \
+                     OR EXISTS (SELECT 1 FROM jobs WHERE id = $2 AND attempt = $3 AND status = 'running')";
+const READ: &str = "SELECT (SELECT id FROM lanes LIMIT 1), (SELECT max(id) FROM jobs), (SELECT max(id) FROM maps)";
+const WRITE: &str = concat!(
+    "INSERT INTO probes (id, written) VALUES (1, ",
+    now!(),
+    ") ON CONFLICT (id) DO UPDATE SET written = excluded.written"
+);
+const HOLDINGS: &str = "SELECT COALESCE(sum(queued), 0)::bigint, (SELECT count(*) FROM leases WHERE tenant = $1), \
+                        COALESCE(sum(maps), 0)::bigint, COALESCE(sum(bytes), 0)::bigint FROM holdings WHERE tenant = $1";
+const TOTALS: &str = "SELECT COALESCE(sum(queued), 0)::bigint, (SELECT count(*) FROM leases), \
+                      COALESCE(sum(maps), 0)::bigint, COALESCE(sum(bytes), 0)::bigint FROM holdings";
+/// A lane's own time is a hint, so the head of each queue is looked at.
+const OLDEST: &str = concat!(
+    "SELECT ",
+    now!(),
+    " - min(head.created) FROM lanes CROSS JOIN LATERAL (SELECT created FROM jobs WHERE status = 'accepted' AND \
+     not_before = 0 AND tenant = lanes.tenant AND priority = lanes.priority ORDER BY created, id LIMIT 1) AS head"
+);
+
+#[async_trait]
+impl Housekeeping for PostgresStore {
+    async fn reap(&self, verdict: Judge) -> Result<u64, StoreError> {
+        let mut reaped = self.fail_overdue().await?;
+        let lapsed = sqlx::query(AssertSqlSafe(format!("SELECT {JOB}{LAPSED}"))).fetch_all(&self.pool).await?;
+        // A transaction each: none holds one job and waits for another.
+        for row in &lapsed {
+            let job = rows::job(row)?;
+            let rescue = match verdict(&job) {
+                Verdict::Failed(problem) => {
+                    sqlx::query(FAIL).bind(&job.id).bind(job.attempt).bind(serde_json::to_string(&problem)?)
+                }
+                Verdict::Again(message) => {
+                    let progress = serde_json::to_string(&Progress::queued(job.progress.max_iterations))?;
+                    sqlx::query(AGAIN).bind(&job.id).bind(job.attempt).bind(message).bind(progress)
+                }
+            };
+            reaped += rescue.execute(&self.pool).await?.rows_affected();
+        }
+        Ok(reaped)
+    }
+
+    async fn owns_prefix(&self, prefix: &str, job_id: &str, attempt: i64) -> Result<bool, StoreError> {
+        let query = sqlx::query_scalar(OWNED).bind(prefix).bind(job_id).bind(attempt);
+        Ok(query.fetch_one(&self.pool).await?)
+    }
+
+    async fn probe(&self) -> Result<(), StoreError> {
+        sqlx::query(READ).fetch_one(&self.pool).await?;
+        sqlx::query(WRITE).execute(&self.pool).await?;
+        Ok(())
+    }
+
+    async fn holdings(&self, tenant: &str) -> Result<Holdings, StoreError> {
+        Ok(holdings(sqlx::query_as(HOLDINGS).bind(tenant).fetch_one(&self.pool).await?))
+    }
+
+    async fn totals(&self) -> Result<(Holdings, Option<i64>), StoreError> {
+        let all = sqlx::query_as(TOTALS).fetch_one(&self.pool).await?;
+        Ok((holdings(all), sqlx::query_scalar(OLDEST).fetch_one(&self.pool).await?))
+    }
+}
+
+impl PostgresStore {
+    /// Fails the jobs that are past their deadline, those that wait and those that run; how many.
+    async fn fail_overdue(&self) -> Result<u64, StoreError> {
+        let problem = serde_json::to_string(&past_deadline())?;
+        let mut failed = 0;
+        for _ in 0..BATCHES {
+            let overdue = sqlx::query(OVERDUE).bind(&problem).bind(BATCH).execute(&self.pool).await?.rows_affected();
+            failed += overdue;
+            if overdue < BATCH as u64 {
+                break;
+            }
+        }
+        Ok(failed)
+    }
+}
+
+fn holdings((queued, running, maps, bytes): (i64, i64, i64, i64)) -> Holdings {
+    Holdings { queued, running, maps, bytes }
+}

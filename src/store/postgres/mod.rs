@@ -1,0 +1,100 @@
+//! The records in PostgreSQL: any number of servers and workers on one database. A file for each port.
+//!
+//! Read committed, and wherever it can be one statement for one write: it commits by itself, so a process that is stopped
+//! in the middle holds no lock. What a statement has to keep true beside its row (lanes, leases, holdings, labels,
+//! deliveries) triggers keep: see the migration, which also says in which order locks are taken.
+
+mod board;
+mod housekeeping;
+mod keys;
+mod leases;
+mod listed;
+mod places;
+mod rows;
+mod shelf;
+mod webhooks;
+
+use std::str::FromStr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use sqlx::postgres::{PgConnectOptions, PgListener, PgPool, PgPoolOptions};
+use sqlx::{ConnectOptions, Connection, Postgres, Transaction};
+use tokio::sync::Notify;
+
+use super::StoreError;
+
+/// Milliseconds since 1970 by the database's clock, once a statement: so that an index can be searched for it.
+macro_rules! now {
+    () => {
+        "(SELECT now_ms())"
+    };
+}
+use now;
+
+/// What submissions notify of.
+const ARRIVALS: &str = "mapfit_jobs";
+/// How long to wait before listening again where the database is away.
+const LISTEN_AGAIN: Duration = Duration::from_secs(1);
+/// What every connection is opened with. All queries are made for an index, also while the statistics know of no rows yet;
+/// a client that vanishes, or stops in the middle of a transaction, does not keep its locks.
+const SETTINGS: [(&str, &str); 8] = [
+    ("default_transaction_isolation", "read committed"),
+    ("statement_timeout", "30s"),
+    ("lock_timeout", "10s"),
+    ("idle_in_transaction_session_timeout", "5s"),
+    ("client_connection_check_interval", "10s"),
+    ("tcp_keepalives_idle", "30"),
+    ("enable_seqscan", "off"),
+    ("jit", "off"),
+];
+
+/// [`super::Records`] in a PostgreSQL database.
+pub struct PostgresStore {
+    pool: PgPool,
+}
+
+impl PostgresStore {
+    /// Connects to the database, which has to be there, and brings its schema up to date.
+    pub async fn open(url: &str, max_connections: u32) -> Result<Self, StoreError> {
+        let plain = PgConnectOptions::from_str(url)?.application_name("mapfit");
+        // Processes that start at once wait here for the first, however long it takes.
+        let mut connection = plain.connect().await?;
+        sqlx::migrate!("migrations/postgres").run(&mut connection).await?;
+        connection.close().await?;
+        let pool = PgPoolOptions::new().max_connections(max_connections).acquire_timeout(Duration::from_secs(20));
+        let pool = pool.connect_with(plain.options(SETTINGS)).await?;
+        Ok(Self { pool })
+    }
+
+    /// Wakes one who waits whenever a job was accepted by any process, for as long as it is polled. What was notified while
+    /// the database was away is lost: everyone is woken then.
+    pub async fn arrivals(&self, notify: Arc<Notify>) {
+        loop {
+            if let Err(error) = self.listen(&notify).await {
+                tracing::warn!(%error, "arrivals of jobs cannot be listened for; they are polled for");
+            }
+            tokio::time::sleep(LISTEN_AGAIN).await;
+        }
+    }
+
+    async fn listen(&self, notify: &Notify) -> Result<(), StoreError> {
+        // Not of the pool's connections, which others wait for.
+        let options = self.pool.connect_options();
+        let pool = PgPoolOptions::new().max_connections(1).idle_timeout(None).max_lifetime(None);
+        let pool = pool.connect_with((*options).clone()).await?;
+        let mut listener = PgListener::connect_with(&pool).await?;
+        listener.listen(ARRIVALS).await?;
+        notify.notify_waiters();
+        loop {
+            match listener.try_recv().await? {
+                Some(_) => notify.notify_one(),
+                None => notify.notify_waiters(),
+            }
+        }
+    }
+
+    async fn begin(&self) -> Result<Transaction<'static, Postgres>, StoreError> {
+        Ok(self.pool.begin().await?)
+    }
+}

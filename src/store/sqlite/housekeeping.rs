@@ -1,0 +1,96 @@
+//! Lapsed leases, deadlines, readiness, counts.
+
+use async_trait::async_trait;
+use sqlx::{AssertSqlSafe, Sqlite, Transaction};
+
+use super::rows::{self, JOB};
+use super::{SqliteStore, now};
+use crate::jobs::lifecycle::{Verdict, past_deadline};
+use crate::jobs::{ProblemReport, Progress};
+use crate::store::{Holdings, Housekeeping, Judge, StoreError};
+
+const LAPSED: &str = concat!(" FROM jobs WHERE status = 'running' AND lease_until < ", now!());
+const OVERDUE: &str = concat!(
+    "SELECT id FROM jobs WHERE deadline IS NOT NULL AND status IN ('accepted', 'running') AND deadline < ",
+    now!(),
+    " ORDER BY deadline LIMIT 1000"
+);
+const FAIL: &str = concat!(
+    "UPDATE jobs SET status = 'failed', revision = revision + 1, lease_until = NULL, problem = ?, finished = ",
+    now!(),
+    ", updated = ",
+    now!(),
+    " WHERE id = ?"
+);
+const AGAIN: &str = concat!(
+    "UPDATE jobs SET status = 'accepted', revision = revision + 1, lease_until = NULL, message = ?, progress = ?, updated = ",
+    now!(),
+    " WHERE id = ?"
+);
+const OWNERS: &str = "SELECT (SELECT count(*) FROM maps WHERE prefix = ?) \
+                      + (SELECT count(*) FROM jobs WHERE id = ? AND attempt = ? AND status = 'running')";
+const READ: &str = "SELECT (SELECT id FROM turns LIMIT 1), (SELECT max(id) FROM jobs), (SELECT max(id) FROM maps)";
+const WRITE: &str = concat!(
+    "INSERT INTO probes (id, written) VALUES (1, ",
+    now!(),
+    ") ON CONFLICT (id) DO UPDATE SET written = excluded.written"
+);
+const HOLDINGS: &str = "SELECT queued, running, maps, bytes FROM holdings WHERE tenant = ?";
+const TOTALS: &str = "SELECT COALESCE(sum(queued), 0), COALESCE(sum(running), 0), COALESCE(sum(maps), 0), \
+                      COALESCE(sum(bytes), 0) FROM holdings";
+const OLDEST: &str = concat!("SELECT ", now!(), " - min(created) FROM turns");
+
+#[async_trait]
+impl Housekeeping for SqliteStore {
+    async fn reap(&self, verdict: Judge) -> Result<u64, StoreError> {
+        let mut tx = self.begin().await?;
+        let overdue: Vec<String> = sqlx::query_scalar(OVERDUE).fetch_all(&mut *tx).await?;
+        for id in &overdue {
+            fail(&mut tx, id, &past_deadline()).await?;
+        }
+        let lapsed = sqlx::query(AssertSqlSafe(format!("SELECT {JOB}{LAPSED}"))).fetch_all(&mut *tx).await?;
+        for row in &lapsed {
+            let job = rows::job(row)?;
+            match verdict(&job) {
+                Verdict::Failed(problem) => fail(&mut tx, &job.id, &problem).await?,
+                Verdict::Again(message) => {
+                    let progress = serde_json::to_string(&Progress::queued(job.progress.max_iterations))?;
+                    sqlx::query(AGAIN).bind(message).bind(progress).bind(&job.id).execute(&mut *tx).await?;
+                }
+            }
+        }
+        tx.commit().await?;
+        Ok((overdue.len() + lapsed.len()) as u64)
+    }
+
+    async fn owns_prefix(&self, prefix: &str, job_id: &str, attempt: i64) -> Result<bool, StoreError> {
+        let query = sqlx::query_scalar::<_, i64>(OWNERS).bind(prefix).bind(job_id).bind(attempt);
+        Ok(query.fetch_one(&self.readers).await? > 0)
+    }
+
+    async fn probe(&self) -> Result<(), StoreError> {
+        sqlx::query(READ).fetch_one(&self.readers).await?;
+        let mut tx = self.begin().await?;
+        sqlx::query(WRITE).execute(&mut *tx).await?;
+        Ok(tx.commit().await?)
+    }
+
+    async fn holdings(&self, tenant: &str) -> Result<Holdings, StoreError> {
+        let held = sqlx::query_as(HOLDINGS).bind(tenant).fetch_optional(&self.readers).await?;
+        Ok(held.map(holdings).unwrap_or_default())
+    }
+
+    async fn totals(&self) -> Result<(Holdings, Option<i64>), StoreError> {
+        let all = sqlx::query_as(TOTALS).fetch_one(&self.readers).await?;
+        Ok((holdings(all), sqlx::query_scalar(OLDEST).fetch_one(&self.readers).await?))
+    }
+}
+
+fn holdings((queued, running, maps, bytes): (i64, i64, i64, i64)) -> Holdings {
+    Holdings { queued, running, maps, bytes }
+}
+
+async fn fail(tx: &mut Transaction<'static, Sqlite>, id: &str, problem: &ProblemReport) -> Result<(), StoreError> {
+    sqlx::query(FAIL).bind(serde_json::to_string(problem)?).bind(id).execute(&mut **tx).await?;
+    Ok(())
+}

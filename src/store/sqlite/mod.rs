@@ -1,0 +1,70 @@
+//! The records in SQLite: the default, one file under the data folder. A file for each port.
+//!
+//! WAL, `synchronous = FULL` (a commit is on disk before it returns), and one writer connection, so that writers queue
+//! in the process instead of meeting `SQLITE_BUSY` in the database; a second process on the same file waits by
+//! `busy_timeout`. Every write transaction is `BEGIN IMMEDIATE`: a transaction that begins as a reader and then writes
+//! could meet `SQLITE_BUSY_SNAPSHOT`, which no timeout covers.
+
+mod board;
+mod housekeeping;
+mod keys;
+mod leases;
+mod listed;
+mod places;
+mod rows;
+mod shelf;
+mod webhooks;
+
+use std::path::Path;
+use std::time::Duration;
+
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::{Connection, Sqlite, Transaction};
+
+use super::StoreError;
+
+/// Milliseconds since 1970 by the database's clock.
+macro_rules! now {
+    () => {
+        "CAST(unixepoch('subsec') * 1000 AS INTEGER)"
+    };
+}
+use now;
+
+/// [`super::Records`] in one SQLite file.
+pub struct SqliteStore {
+    readers: SqlitePool,
+    writer: SqlitePool,
+}
+
+impl SqliteStore {
+    /// Opens the file, or makes it, and brings its schema up to date.
+    pub async fn open(file: &Path) -> Result<Self, StoreError> {
+        let options = SqliteConnectOptions::new()
+            .filename(file)
+            .create_if_missing(true)
+            .journal_mode(SqliteJournalMode::Wal)
+            .synchronous(SqliteSynchronous::Full)
+            .busy_timeout(Duration::from_secs(10))
+            .foreign_keys(true);
+        // A connection whose transaction SQLite rolled back by itself (disk full) is not handed out again.
+        let pool = |size: u32| {
+            SqlitePoolOptions::new().max_connections(size).acquire_timeout(Duration::from_secs(20)).after_release(
+                |connection, _| {
+                    Box::pin(async move {
+                        connection.ping().await?;
+                        Ok(!connection.is_in_transaction())
+                    })
+                },
+            )
+        };
+        let writer = pool(1).connect_with(options.clone()).await?;
+        sqlx::migrate!("migrations/sqlite").run(&writer).await?;
+        let readers = pool(4).connect_with(options).await?;
+        Ok(Self { readers, writer })
+    }
+
+    async fn begin(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
+        Ok(self.writer.begin_with("BEGIN IMMEDIATE").await?)
+    }
+}

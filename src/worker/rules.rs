@@ -1,0 +1,35 @@
+//! By what rules work is done.
+
+use std::time::Duration;
+
+use super::memory::of_this_machine;
+use super::webhooks::Allowed;
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rules {
+    /// How long a claim holds without a heartbeat.
+    pub lease: Duration,
+    /// How often artifacts nobody names are swept.
+    pub sweep_every: Duration,
+    /// How long one attempt may take.
+    pub attempt_within: Duration,
+    /// Bytes that fits may hold together.
+    pub memory: u64,
+    /// Jobs of one tenant that run at once, at most.
+    pub running_a_tenant: i64,
+    /// Where webhooks may go beside public addresses.
+    pub webhooks: Allowed,
+}
+
+impl Default for Rules {
+    fn default() -> Self {
+        Self {
+            lease: Duration::from_secs(10),
+            sweep_every: Duration::from_secs(3600),
+            attempt_within: Duration::from_secs(3600),
+            memory: of_this_machine() / 2,
+            running_a_tenant: i64::MAX,
+            webhooks: Allowed::default(),
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! Where webhooks may go: to public addresses, and to those that `--webhook-allow` names.
+//!
+//! A webhook's address is a client's wish, and the service stands where that client may not: so no delivery goes to
+//! loopback, private or link-local addresses (server-side request forgery). What is checked is the address that is
+//! connected to, each time, after the name was resolved: a name may mean another address the second time.
+
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
+
+use ipnet::IpNet;
+use ureq::config::Config;
+use ureq::http::Uri;
+use ureq::unversioned::resolver::{DefaultResolver, ResolvedSocketAddrs, Resolver};
+use ureq::unversioned::transport::NextTimeout;
+
+const LONGEST_URL: usize = 2048;
+
+/// The networks that are allowed beside public ones.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Allowed(pub Vec<IpNet>);
+
+impl Allowed {
+    pub fn allows(&self, address: IpAddr) -> bool {
+        let address = address.to_canonical();
+        is_public(address) || self.0.iter().any(|net| net.contains(&address))
+    }
+
+    /// Whether a webhook may be registered: by its form, and where it names an address, by that. What a name means is
+    /// checked when it is called.
+    pub fn target(&self, url: &str) -> Result<(), String> {
+        if url.len() > LONGEST_URL {
+            return Err(format!("must have {LONGEST_URL} characters at most"));
+        }
+        let uri: Uri = url.parse().map_err(|_| "must be an absolute http or https URL".to_owned())?;
+        let host = uri.host().filter(|host| !host.is_empty());
+        let (Some("http" | "https"), Some(host)) = (uri.scheme_str(), host) else {
+            return Err("must be an absolute http or https URL".into());
+        };
+        if uri.authority().is_some_and(|authority| authority.as_str().contains('@')) {
+            return Err("must not hold a user or a password".into());
+        }
+        let bare = host.trim_start_matches('[').trim_end_matches(']');
+        let local = bare.eq_ignore_ascii_case("localhost") || bare.to_ascii_lowercase().ends_with(".localhost");
+        let address = bare.parse().ok().or(local.then_some(IpAddr::V4(Ipv4Addr::LOCALHOST)));
+        match address {
+            Some(address) if !self.allows(address) => Err(format!(
+                "{bare} is a loopback, private or link-local address; --webhook-allow names those that are allowed"
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Resolves names, and keeps of their addresses those that are allowed.
+#[derive(Debug)]
+pub(super) struct Guarded(pub Allowed);
+
+impl Resolver for Guarded {
+    fn resolve(&self, uri: &Uri, config: &Config, timeout: NextTimeout) -> Result<ResolvedSocketAddrs, ureq::Error> {
+        let found = DefaultResolver::default().resolve(uri, config, timeout)?;
+        let mut kept = self.empty();
+        found.iter().filter(|address| self.0.allows(address.ip())).for_each(|address| kept.push(*address));
+        match kept.is_empty() {
+            true => Err(std::io::Error::new(std::io::ErrorKind::PermissionDenied, "the address is not allowed").into()),
+            false => Ok(kept),
+        }
+    }
+}
+
+/// Whether an address is one of the public internet's (IANA's special-purpose registries; RFC 6890).
+fn is_public(address: IpAddr) -> bool {
+    match address {
+        IpAddr::V4(address) => is_public_v4(address),
+        IpAddr::V6(address) => is_public_v6(address),
+    }
+}
+
+fn is_public_v4(address: Ipv4Addr) -> bool {
+    let [a, b, c, _] = address.octets();
+    let special = matches!((a, b, c), (0, ..) | (100, 64..=127, _) | (192, 0, 0) | (198, 18..=19, _) | (240..=255, ..));
+    let local = address.is_loopback() || address.is_private() || address.is_link_local();
+    !(special || local || address.is_multicast() || address.is_documentation())
+}
+
+fn is_public_v6(address: Ipv6Addr) -> bool {
+    let [a, b, c, d, ..] = address.segments();
+    let embedded = match (a, b) {
+        // NAT64 and 6to4 carry an address of version 4.
+        (0x64, 0xff9b) => Some(Ipv4Addr::from(address.to_bits() as u32)),
+        (0x2002, _) => Some(Ipv4Addr::from((u32::from(b) << 16) | u32::from(c))),
+        _ => None,
+    };
+    let special = matches!((a, b), (0x100, 0) | (0x2001, 0..=0x1ff | 0xdb8) | (0x3fff, _) | (0x5f00, _))
+        || (a, b, c, d) == (0, 0, 0, 0);
+    let local = address.is_loopback() || address.is_unique_local() || address.is_unicast_link_local();
+    embedded.is_none_or(is_public_v4) && !(special || local || address.is_multicast() || a & 0xffc0 == 0xfec0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_public_addresses_and_those_allowed_are_called() {
+        let none = Allowed::default();
+        for inside in [
+            "127.0.0.1",
+            "10.1.2.3",
+            "192.168.0.1",
+            "172.16.0.1",
+            "169.254.169.254",
+            "0.0.0.0",
+            "100.64.0.1",
+            "224.0.0.1",
+            "255.255.255.255",
+            "::1",
+            "::",
+            "fe80::1",
+            "fc00::1",
+            "::ffff:127.0.0.1",
+            "::ffff:10.0.0.1",
+            "64:ff9b::7f00:1",
+            "2002:7f00:1::",
+            "ff02::1",
+            "::7f00:1",
+        ] {
+            assert!(!none.allows(inside.parse().unwrap()), "{inside}");
+        }
+        for outside in ["1.1.1.1", "93.184.216.34", "2606:4700:4700::1111"] {
+            assert!(none.allows(outside.parse().unwrap()), "{outside}");
+        }
+        let lan = Allowed(vec!["10.0.0.0/8".parse().unwrap()]);
+        assert!(lan.allows("10.1.2.3".parse().unwrap()) && lan.allows("::ffff:10.1.2.3".parse().unwrap()));
+        assert!(!lan.allows("127.0.0.1".parse().unwrap()));
+    }
+
+    #[test]
+    fn urls_are_refused_by_form_and_by_address() {
+        let none = Allowed::default();
+        for bad in [
+            "",
+            "x",
+            "ftp://a.example/",
+            "/path",
+            "http://",
+            "http://localhost/",
+            "http://a.localhost:1/",
+            "http://127.0.0.1:9/x",
+            "http://[::1]/",
+            "https://user:secret@a.example/",
+            "http://169.254.169.254/latest",
+        ] {
+            assert!(none.target(bad).is_err(), "{bad}");
+        }
+        assert!(none.target("https://hooks.example/a?b=c").is_ok());
+    }
+}
