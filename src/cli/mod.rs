@@ -9,6 +9,8 @@ mod reproduce;
 mod serve;
 mod submit;
 
+use std::io::IsTerminal;
+
 use clap::{Parser, Subcommand};
 use thiserror::Error;
 use tracing_subscriber::EnvFilter;
@@ -20,6 +22,9 @@ pub struct Cli {
     /// What to log: error, warn, info, debug, or tracing directives.
     #[arg(long, env = "MAPFIT_LOG", default_value = "info", global = true)]
     log: String,
+    /// How to log: text, or an object of JSON a line.
+    #[arg(long, env = "MAPFIT_LOG_FORMAT", default_value = "text", value_parser = ["text", "json"], global = true)]
+    log_format: String,
     #[command(subcommand)]
     command: Command,
 }
@@ -63,6 +68,8 @@ pub enum CliError {
     Render(#[from] crate::render::RenderError),
     #[error(transparent)]
     Reproduce(#[from] crate::reproduce::ReproduceError),
+    #[error("the metrics could not be set up: {0}")]
+    Metrics(#[from] prometheus::Error),
     #[error("{0}")]
     Server(String),
     #[error("{0}")]
@@ -91,7 +98,12 @@ impl CliError {
 pub fn main() -> std::process::ExitCode {
     let cli = Cli::parse();
     let filter = EnvFilter::try_new(&cli.log).unwrap_or_else(|_| EnvFilter::new("info"));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    // Colours are for eyes: a file or a pipe gets none.
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    match cli.log_format.as_str() {
+        "json" => log.json().flatten_event(true).init(),
+        _ => log.with_ansi(std::io::stderr().is_terminal()).init(),
+    }
     let outcome = match cli.command {
         Command::Serve(command) => command.run(),
         Command::Worker(command) => command.run(),

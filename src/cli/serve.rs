@@ -10,7 +10,7 @@ use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 
 use super::CliError;
-use crate::http::{HttpLimits, listener, router};
+use crate::http::{Faces, HttpLimits, listener, router};
 use crate::jobs::Limits;
 use crate::store::{Artifacts, Quota, Records, SqliteStore};
 use crate::worker::webhooks::Allowed;
@@ -18,6 +18,8 @@ use crate::worker::{Rules, Solvers, Workshop};
 
 /// How long running fits may go on after SIGTERM before they are handed back to the queue.
 const GRACE: Duration = Duration::from_secs(5);
+/// Whoever scrapes is one, or a few.
+const METRICS_CONNECTIONS: usize = 64;
 
 #[derive(Debug, Args)]
 pub struct Serve {
@@ -30,6 +32,9 @@ pub struct Serve {
     /// Connections open at once; more wait.
     #[arg(long, env = "MAPFIT_CONNECTIONS", default_value_t = HttpLimits::default().connections)]
     pub connections: usize,
+    /// Where to serve /metrics alone; without it, it is beside everything else.
+    #[arg(long, env = "MAPFIT_METRICS_LISTEN")]
+    pub metrics_listen: Option<SocketAddr>,
     /// Requests a second that a key may make; without it they are not counted.
     #[arg(long, env = "MAPFIT_RATE_LIMIT", value_parser = clap::value_parser!(u32).range(1..))]
     pub rate_limit: Option<u32>,
@@ -119,7 +124,7 @@ impl House {
         let records = open_records(&self.data).await?;
         let artifacts = Artifacts::in_folder(&self.data.join("artifacts"))?;
         let limits = Limits { control_points: self.max_control_points, ..Limits::default() };
-        Ok(Workshop::new(records, artifacts, limits, self.rules()))
+        Ok(Workshop::new(records, artifacts, limits, self.rules())?)
     }
 }
 
@@ -147,7 +152,8 @@ impl Serve {
 
     pub fn run(self) -> Result<(), CliError> {
         let runtime = runtime()?;
-        let service = runtime.block_on(Running::start(self.listen, &self.house, self.limits()))?;
+        let service =
+            runtime.block_on(Running::start((self.listen, self.metrics_listen), &self.house, self.limits()))?;
         println!("serving on http://{}", service.address);
         runtime.block_on(stop_signal());
         service.stop(&runtime);
@@ -177,7 +183,11 @@ pub(super) struct Running {
 
 impl Running {
     /// Binds, opens the data, starts workers and the server.
-    pub async fn start(listen: SocketAddr, house: &House, limits: HttpLimits) -> Result<Self, CliError> {
+    pub async fn start(
+        (listen, metrics_listen): (SocketAddr, Option<SocketAddr>),
+        house: &House,
+        limits: HttpLimits,
+    ) -> Result<Self, CliError> {
         let workshop = house.open().await?;
         if !listen.ip().is_loopback() && !workshop.records.has_keys().await? {
             return Err(CliError::Usage(format!(
@@ -185,15 +195,20 @@ impl Running {
                  Make one with `mapfit keys create --tenant T --scopes read,submit,admin`, or listen on 127.0.0.1"
             )));
         }
-        let listener =
-            TcpListener::bind(listen).await.map_err(CliError::io(format!("{listen} cannot be listened on")))?;
+        let listener = bind(listen).await?;
         let address = listener.local_addr().map_err(CliError::io("the listener has no address"))?;
         let count = house.worker_count();
         let solvers = Solvers::start(workshop.clone(), count, &tokio::runtime::Handle::current());
         let solvers = solvers.map_err(CliError::io("a solver thread cannot be started"))?;
         let shutdown = workshop.clone();
-        let app = router(workshop.clone(), limits);
         let connections = limits.connections;
+        let Faces { public: app, metrics } = router(workshop.clone(), limits, metrics_listen.is_some());
+        if let (Some(listen), Some(metrics)) = (metrics_listen, metrics) {
+            let (own, shutdown) = (bind(listen).await?, workshop.clone());
+            tokio::spawn(async move {
+                listener::serve(own, metrics, METRICS_CONNECTIONS, async move { shutdown.drained().await }).await;
+            });
+        }
         let server = tokio::spawn(async move {
             listener::serve(listener, app, connections, async move { shutdown.drained().await }).await;
         });
@@ -225,6 +240,10 @@ pub(super) fn runtime() -> Result<Runtime, CliError> {
 
 fn start_solvers(workshop: &Arc<Workshop>, count: usize, runtime: &Runtime) -> Result<Solvers, CliError> {
     Solvers::start(workshop.clone(), count, runtime.handle()).map_err(CliError::io("a solver thread cannot be started"))
+}
+
+async fn bind(listen: SocketAddr) -> Result<TcpListener, CliError> {
+    TcpListener::bind(listen).await.map_err(CliError::io(format!("{listen} cannot be listened on")))
 }
 
 /// SIGTERM or SIGINT.

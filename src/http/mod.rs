@@ -20,5 +20,5 @@ pub mod router;
 pub mod shared;
 pub mod webhooks;
 
-pub use router::{document, router};
+pub use router::{Faces, document, router};
 pub use shared::state::HttpLimits;

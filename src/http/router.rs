@@ -5,8 +5,10 @@
 use std::sync::Arc;
 
 use axum::Router;
+use axum::extract::Request;
 use axum::http::StatusCode;
-use axum::middleware::{from_fn, from_fn_with_state};
+use axum::middleware::{Next, from_fn, from_fn_with_state};
+use axum::response::IntoResponse;
 use axum::routing::get;
 use tower_http::CompressionLevel;
 use tower_http::catch_panic::CatchPanicLayer;
@@ -17,11 +19,11 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
-use super::about::{self, console, usage};
+use super::about::{self, console, metrics, usage};
 use super::jobs::{change, events, status, submit};
 use super::layers::compression::Texts;
-use super::layers::{conventions, guard, keys};
-use super::maps::{arrays, covariance, pictures, query, record};
+use super::layers::{conventions, counted, guard, keys};
+use super::maps::{arrays, covariance, pictures, query, record, tiles};
 use super::places::{publish, read};
 use super::shared::problem::Problem;
 use super::shared::state::HttpLimits;
@@ -61,6 +63,7 @@ fn described() -> OpenApiRouter<AppState> {
         .routes(routes!(pictures::get_map_ogm))
         .routes(routes!(pictures::get_map_grid))
         .routes(routes!(pictures::get_map_image))
+        .routes(routes!(tiles::get_map_tile))
         .routes(routes!(read::list_places))
         .routes(routes!(read::get_place, publish::publish_map, publish::remove_place))
         .routes(routes!(read::list_place_versions))
@@ -74,6 +77,7 @@ fn described() -> OpenApiRouter<AppState> {
         .routes(routes!(about::get_openapi))
         .routes(routes!(about::get_livez))
         .routes(routes!(about::get_readyz))
+        .routes(routes!(metrics::get_metrics))
 }
 
 /// The OpenAPI document, as `openapi/openapi.json` has it.
@@ -87,18 +91,37 @@ pub fn document() -> String {
     document.to_pretty_json().unwrap_or_default() + "\n"
 }
 
+/// What the service answers on its address, and on that for metrics where they have one of their own.
+pub struct Faces {
+    pub public: Router,
+    pub metrics: Option<Router>,
+}
+
 /// The service.
-pub fn router(workshop: Arc<Workshop>, limits: HttpLimits) -> Router {
+pub fn router(workshop: Arc<Workshop>, limits: HttpLimits, metrics_apart: bool) -> Faces {
     let state: AppState = Arc::new(Service::new(workshop, limits, document()));
+    let metrics = Router::new().route("/metrics", get(metrics::get_metrics)).with_state(state.clone());
+    Faces { public: public(state, metrics_apart), metrics: metrics_apart.then_some(metrics) }
+}
+
+fn public(state: AppState, metrics_apart: bool) -> Router {
     let docs = SwaggerUi::new("/docs").config(Config::from("/openapi.json").validator_url("none"));
     let (routes, _) = described().split_for_parts();
     routes
         .route_layer(from_fn_with_state(state.clone(), keys::let_in))
+        .route_layer(from_fn_with_state(state.clone(), counted::counted))
         .route("/", get(console))
         .with_state(state.clone())
         .merge(docs)
         .fallback(|| async { Problem::not_found("no such resource") })
         .method_not_allowed_fallback(|| async { Problem::of_status(StatusCode::METHOD_NOT_ALLOWED) })
+        .layer(from_fn(move |request: Request, next: Next| async move {
+            // Not below `/v1`, so no key guards it: where it has an address of its own, it is there alone.
+            match metrics_apart && request.uri().path() == "/metrics" {
+                true => Problem::not_found("metrics are on another address").into_response(),
+                false => next.run(request).await,
+            }
+        }))
         .layer(CatchPanicLayer::custom(conventions::after_panic))
         .layer(from_fn_with_state(state, guard::loopback_only))
         .layer(from_fn(guard::secured))

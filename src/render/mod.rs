@@ -13,6 +13,7 @@ mod picture;
 mod raster;
 mod rasters;
 mod sheet;
+mod tile;
 
 use thiserror::Error;
 
@@ -26,6 +27,7 @@ pub use picture::{Layer, Overlay, Picture, contour_picture, draw_contours, draw_
 pub use raster::{grayscale_png, rgba_png, svg_to_png};
 pub use rasters::{RasterLayer, Rasters};
 pub use sheet::Sheet;
+pub use tile::{FINEST, Tile, TileLayer, tile};
 
 #[derive(Debug, Error)]
 pub enum RenderError {

@@ -85,16 +85,17 @@ impl OccupancyGrid {
 }
 
 fn cell(map: &FittedMap, center: Vec2, resolution: f64, kind: Kind) -> i8 {
+    probability(map, center, resolution, kind).map_or(-1, |probability| (100.0 * probability).round() as i8)
+}
+
+/// The probability that a surface passes a cell; `None` where nothing is known.
+pub(super) fn probability(map: &FittedMap, center: Vec2, resolution: f64, kind: Kind) -> Option<f64> {
     let seen = seen_within(map, center, resolution / 2.0);
-    if !seen.any() {
-        return -1;
-    }
-    let Some((u, sigma)) = map.distance(center, kind) else { return -1 };
+    let (u, sigma) = map.distance(center, kind).filter(|_| seen.any())?;
     if !seen.free && u.abs() > resolution / 2.0 + 2.0 * sigma {
-        return -1;
+        return None;
     }
-    let probability = within(u, sigma, resolution / 2.0);
-    if probability.is_finite() { (100.0 * probability).round() as i8 } else { -1 }
+    Some(within(u, sigma, resolution / 2.0)).filter(|probability| probability.is_finite())
 }
 
 /// What is known of the square around a point: its own mark, and all marks whose centres lie in it.

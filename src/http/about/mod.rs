@@ -1,5 +1,6 @@
 //! Health, the machine-readable contract, and the console.
 
+pub mod metrics;
 pub mod usage;
 
 use axum::Json;

@@ -2,5 +2,6 @@
 
 pub mod compression;
 pub mod conventions;
+pub mod counted;
 pub mod guard;
 pub mod keys;

@@ -6,3 +6,4 @@ pub mod pictures;
 pub mod query;
 pub mod record;
 pub mod request;
+pub mod tiles;

@@ -56,7 +56,7 @@ impl From<MapRecord> for MapBody {
     fn from(map: MapRecord) -> Self {
         let itself = format!("/v1/maps/{}", map.id);
         let mut links: BTreeMap<&'static str, String> =
-            ["coefficients", "covariance", "contours", "grid", "image", "ogm", "poses", "query", "surfaces"]
+            ["coefficients", "covariance", "contours", "grid", "image", "ogm", "poses", "query", "surfaces", "tiles"]
                 .map(|part| (part, format!("{itself}/{part}")))
                 .into();
         links.insert("self", itself);

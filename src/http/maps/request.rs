@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use axum::extract::{FromRequestParts, Path};
+use axum::extract::{FromRequestParts, RawPathParams};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
@@ -41,9 +41,10 @@ impl FromRequestParts<AppState> for MapRequest {
 
     async fn from_request_parts(parts: &mut Parts, state: &AppState) -> Result<Self, Problem> {
         let Ok(caller) = Caller::from_request_parts(parts, state).await;
-        let Path(id) = Path::<String>::from_request_parts(parts, state)
-            .await
-            .map_err(|_| Problem::not_found("there is no such map"))?;
+        // More of the path may be parameters: the first is the map's id.
+        let path = RawPathParams::from_request_parts(parts, state).await;
+        let id = path.ok().and_then(|path| path.iter().next().map(|(_, id)| id.to_owned()));
+        let id = id.ok_or_else(|| Problem::not_found("there is no such map"))?;
         Ok(Self {
             record: state.map_record(&caller, &id).await?,
             caller,
