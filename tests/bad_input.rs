@@ -264,7 +264,7 @@ fn routes_methods_and_media_types_are_checked() {
     post(&[JSON, ("content-encoding", "br")]).problem(415);
     assert_eq!(post(&[("content-type", "application/json; charset=utf-8")]).status, 202);
     for (method, path) in
-        [("PUT", "/v1/jobs"), ("DELETE", "/v1/jobs"), ("POST", "/v1/maps"), ("PATCH", "/v1/maps/x"), ("POST", "/livez")]
+        [("PUT", "/v1/jobs"), ("DELETE", "/v1/jobs"), ("POST", "/v1/maps"), ("PUT", "/v1/maps/x"), ("POST", "/livez")]
     {
         let answer = server.send(method, path, &[], None);
         answer.problem(405);

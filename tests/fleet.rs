@@ -54,6 +54,7 @@ fn a_place_has_the_map_that_was_published_last() {
     // The redirect is followed here; the map's own address shows in its body.
     assert_eq!(server.get("/v1/places/hall/map").json()["id"], two);
     assert_eq!(server.get("/v1/places/hall/map/coefficients?format=npz").header("content-type"), "application/x-npz");
+    server.get("/v1/places/hall/map/%1E%C3%BA%2F..%2F").problem(404);
     server.delete(&format!("/v1/maps/{two}")).problem(409);
 
     let back = server.post("/v1/places/hall/rollback", &json!({"version": 1}));

@@ -1,5 +1,8 @@
 //! What every job store promises. One suite, run against each implementation.
 
+#[path = "support/postgres.rs"]
+mod postgres_server;
+
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -10,7 +13,8 @@ use mapfit::map::FitReport;
 use mapfit::spline::Lattice;
 use mapfit::store::{
     Cancellation, Delivered, DeliveryStatus, Guard, Holdings, JobBoard, Leases, Listing, MapRemoval, NewJob, NewKey,
-    NewWebhook, Place, Publication, Quota, Records, Relabelling, Removal, SqliteStore, Submission, Terms,
+    NewWebhook, Place, PostgresStore, Publication, Quota, Records, Relabelling, Removal, SqliteStore, Submission,
+    Terms,
 };
 
 const LEASE: Duration = Duration::from_millis(400);
@@ -481,6 +485,15 @@ fn listing(tenant: &str) -> Listing {
 /// Runs a case of the suite on a fresh store of each kind.
 macro_rules! conformance {
     ($($case:ident),* $(,)?) => {
+        mod postgres {
+            $(#[test]
+            fn $case() {
+                tokio::runtime::Runtime::new().unwrap().block_on(async {
+                    let store = super::PostgresStore::open(&super::postgres_server::database().await, 8).await.unwrap();
+                    super::$case(&store).await;
+                });
+            })*
+        }
         mod sqlite {
             $(#[test]
             fn $case() {

@@ -7,10 +7,8 @@
 -- waits in. Where one transaction has several jobs or queues it skips what others hold instead of waiting (SKIP LOCKED, and
 -- pg_try_advisory_xact_lock), so no two can wait for each other.
 
-CREATE FUNCTION now_ms() RETURNS BIGINT LANGUAGE plpgsql VOLATILE AS $$
-BEGIN
-    RETURN (extract(epoch FROM clock_timestamp()) * 1000)::bigint;
-END $$;
+CREATE FUNCTION now_ms() RETURNS BIGINT LANGUAGE sql VOLATILE
+RETURN (extract(epoch FROM clock_timestamp()) * 1000)::bigint;
 
 CREATE TABLE jobs (
     id          TEXT COLLATE "C" PRIMARY KEY,

@@ -33,7 +33,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=500, help="jobs a run")
     parser.add_argument("--kills", type=int, default=50, help="kills a run")
     parser.add_argument("--stops", type=int, default=3, help="workers stopped past their lease a run")
-    parser.add_argument("--workers", type=int, default=1, help="`mapfit worker` processes beside the server")
+    parser.add_argument("--workers", type=int, default=2, help="`mapfit worker` processes; one may be stopped")
     parser.add_argument("--clients", type=int, default=6, help="submitting threads")
     parser.add_argument("--seed", type=int, default=1, help="of the first run; each run has the next")
     parser.add_argument("--server-args", default="", help="more arguments for serve, in one string")

@@ -77,7 +77,8 @@ def _under(server: Server, suite: Callable[..., int]) -> dict:
     return report | {
         "seconds": round(time.monotonic() - began, 1),
         "statuses": {str(status): n for status, n in sorted(verdicts.statuses.items(), key=str)},
-        "later_503": verdicts.later,
+        "later_503": len(verdicts.later),
+        "later": verdicts.later,
         "bare": verdicts.bare,
         "failures": verdicts.failures,
         **verdicts.figures,

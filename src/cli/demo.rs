@@ -55,7 +55,7 @@ impl Demo {
             to_request(&scans, &scenario.noise, Some("L-shaped room"), ("sdf", scenario.resolution)).to_string();
         write(&self.out, "job.json", request.as_bytes())?;
         println!("submitting {folder}/job.json: {} simulated scans of an L-shaped room", scans.len());
-        let client = Client::new(&url);
+        let client = Client::new(&url, None);
         let job = client.wait(&client.submit(request.as_bytes())?)?;
         let own = text(&job["links"], "map");
         for (file, part) in FILES {

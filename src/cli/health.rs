@@ -3,18 +3,17 @@
 use clap::Args;
 
 use super::CliError;
-use super::client::Client;
+use super::client::Remote;
 
 #[derive(Debug, Args)]
 pub struct Health {
-    /// The server.
-    #[arg(long, env = "MAPFIT_URL", default_value = "http://127.0.0.1:8080")]
-    url: String,
+    #[command(flatten)]
+    remote: Remote,
 }
 
 impl Health {
     pub fn run(self) -> Result<(), CliError> {
-        let answer = Client::new(&self.url).get_json("/readyz")?;
+        let answer = self.remote.client().get_json("/readyz")?;
         println!("{}", answer["status"].as_str().unwrap_or("ready"));
         Ok(())
     }

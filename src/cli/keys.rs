@@ -17,6 +17,9 @@ pub struct Keys {
     /// The folder of the database.
     #[arg(long, env = "MAPFIT_DATA", default_value = "mapfit-data", global = true)]
     data: PathBuf,
+    /// The database, where it is not in that folder: postgres://USER@HOST/NAME.
+    #[arg(long, env = "MAPFIT_DATABASE_URL", hide_env_values = true, global = true)]
+    database_url: Option<String>,
     /// JSON on stdout, an object a line.
     #[arg(long, env = "MAPFIT_JSON", global = true)]
     json: bool,
@@ -69,8 +72,8 @@ fn name(text: &str) -> Result<String, String> {
 impl Keys {
     pub fn run(self) -> Result<(), CliError> {
         let runtime = runtime()?;
-        let records = runtime.block_on(open_records(&self.data))?;
-        runtime.block_on(self.command.run(&*records, self.json))
+        let records = runtime.block_on(open_records(&self.data, self.database_url.as_deref()))?;
+        runtime.block_on(self.command.run(&*records.ports(), self.json))
     }
 }
 

@@ -6,12 +6,13 @@ mod fit;
 mod health;
 mod keys;
 mod reproduce;
+mod resources;
 mod serve;
 mod submit;
 
 use std::io::IsTerminal;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use thiserror::Error;
 use tracing_subscriber::EnvFilter;
 
@@ -43,6 +44,16 @@ enum Command {
     Demo(demo::Demo),
     /// Draw every figure and table of the method's two experiments, from simulation.
     Reproduce(reproduce::Reproduce),
+    /// List jobs of a server, get one, try one again.
+    Jobs(resources::Jobs),
+    /// List maps of a server, get or delete one.
+    Maps(resources::Maps),
+    /// Places of a server: which maps they have, publication, roll back.
+    Places(resources::Places),
+    /// Cancel jobs.
+    Cancel(resources::Cancel),
+    /// A script for a shell that completes commands and flags: `mapfit completions bash > /etc/bash_completion.d/mapfit`.
+    Completions { shell: clap_complete::Shell },
     /// Make, list and revoke API keys.
     Keys(keys::Keys),
     /// Ask whether a server is ready; the exit code tells.
@@ -111,6 +122,14 @@ pub fn main() -> std::process::ExitCode {
         Command::Fit(command) => command.run(),
         Command::Demo(command) => command.run(),
         Command::Reproduce(command) => command.run(),
+        Command::Jobs(command) => command.run(),
+        Command::Maps(command) => command.run(),
+        Command::Places(command) => command.run(),
+        Command::Cancel(command) => command.run(),
+        Command::Completions { shell } => {
+            clap_complete::generate(shell, &mut Cli::command(), "mapfit", &mut std::io::stdout());
+            Ok(())
+        }
         Command::Keys(command) => command.run(),
         Command::Health(command) => command.run(),
     };

@@ -12,7 +12,7 @@ use tokio::runtime::Runtime;
 use super::CliError;
 use crate::http::{Faces, HttpLimits, listener, router};
 use crate::jobs::Limits;
-use crate::store::{Artifacts, Quota, Records, SqliteStore};
+use crate::store::{Artifacts, PostgresStore, Quota, Records, SqliteStore};
 use crate::worker::webhooks::Allowed;
 use crate::worker::{Rules, Solvers, Workshop};
 
@@ -20,6 +20,8 @@ use crate::worker::{Rules, Solvers, Workshop};
 const GRACE: Duration = Duration::from_secs(5);
 /// Whoever scrapes is one, or a few.
 const METRICS_CONNECTIONS: usize = 64;
+/// To a PostgreSQL server, a process.
+const DATABASE_CONNECTIONS: u32 = 16;
 
 #[derive(Debug, Args)]
 pub struct Serve {
@@ -60,6 +62,10 @@ pub struct House {
     /// The folder of the database and the maps; it is made where it is missing.
     #[arg(long, env = "MAPFIT_DATA", default_value = "mapfit-data")]
     pub data: PathBuf,
+    /// The database, for several servers and workers on one: postgres://USER@HOST/NAME. Without it, a file under the data
+    /// folder.
+    #[arg(long, env = "MAPFIT_DATABASE_URL", hide_env_values = true)]
+    pub database_url: Option<String>,
     /// Solver threads; 0 serves only. One a core by default.
     #[arg(long, env = "MAPFIT_WORKERS")]
     pub workers: Option<usize>,
@@ -93,6 +99,7 @@ impl House {
         let usual = Rules::default();
         Self {
             data,
+            database_url: None,
             max_control_points,
             workers: None,
             memory: None,
@@ -121,21 +128,52 @@ impl House {
     }
 
     async fn open(&self) -> Result<Arc<Workshop>, CliError> {
-        let records = open_records(&self.data).await?;
+        let records = open_records(&self.data, self.database_url.as_deref()).await?;
         let artifacts = Artifacts::in_folder(&self.data.join("artifacts"))?;
         let limits = Limits { control_points: self.max_control_points, ..Limits::default() };
-        Ok(Workshop::new(records, artifacts, limits, self.rules())?)
+        let workshop = Workshop::new(records.ports(), artifacts, limits, self.rules())?;
+        if let Database::Postgres(store) = records {
+            let (arrivals, draining) = (workshop.arrivals.clone(), workshop.clone());
+            tokio::spawn(async move {
+                tokio::select! {
+                    () = store.arrivals(arrivals) => {}
+                    () = draining.drained() => {}
+                }
+            });
+        }
+        Ok(workshop)
     }
 }
 
-/// The records under a data folder, which is made where it is missing.
-pub(super) async fn open_records(data: &Path) -> Result<Arc<dyn Records>, CliError> {
+/// Where the records are.
+pub(super) enum Database {
+    Sqlite(Arc<SqliteStore>),
+    Postgres(Arc<PostgresStore>),
+}
+
+impl Database {
+    pub fn ports(&self) -> Arc<dyn Records> {
+        match self {
+            Self::Sqlite(store) => store.clone(),
+            Self::Postgres(store) => store.clone(),
+        }
+    }
+}
+
+/// The records in a database, or under a data folder, which is made where it is missing.
+pub(super) async fn open_records(data: &Path, database_url: Option<&str>) -> Result<Database, CliError> {
     // What robots saw is nobody else's on this machine.
     let mut private = std::fs::DirBuilder::new();
     std::os::unix::fs::DirBuilderExt::mode(private.recursive(true), 0o700);
     let folder = data.display();
     private.create(data).map_err(CliError::io(format!("the data folder {folder} cannot be made")))?;
-    Ok(Arc::new(SqliteStore::open(&data.join("mapfit.sqlite")).await?))
+    match database_url {
+        None => Ok(Database::Sqlite(Arc::new(SqliteStore::open(&data.join("mapfit.sqlite")).await?))),
+        Some(url) if url.starts_with("postgres://") || url.starts_with("postgresql://") => {
+            Ok(Database::Postgres(Arc::new(PostgresStore::open(url, DATABASE_CONNECTIONS).await?)))
+        }
+        Some(_) => Err(CliError::Usage("--database-url must begin with postgres://".into())),
+    }
 }
 
 impl Serve {

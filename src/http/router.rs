@@ -110,7 +110,9 @@ fn public(state: AppState, metrics_apart: bool) -> Router {
     routes
         .route_layer(from_fn_with_state(state.clone(), keys::let_in))
         .route_layer(from_fn_with_state(state.clone(), counted::counted))
-        .route("/", get(console))
+        .route("/", get(console::page))
+        .route("/assets/{name}", get(console::asset))
+        .route("/licenses.md", get(console::licenses))
         .with_state(state.clone())
         .merge(docs)
         .fallback(|| async { Problem::not_found("no such resource") })

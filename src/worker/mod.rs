@@ -47,7 +47,7 @@ pub struct Workshop {
     pub limits: Limits,
     pub rules: Rules,
     /// Told when a job was accepted.
-    pub arrivals: Notify,
+    pub arrivals: Arc<Notify>,
     /// Told when a map was published at a place in this process.
     pub published: Notify,
     /// Told when there may be something to tell by a webhook.
@@ -78,7 +78,7 @@ impl Workshop {
             memory: Memory::new(rules.memory),
             metrics: Metrics::new()?,
             rules,
-            arrivals: Notify::new(),
+            arrivals: Arc::default(),
             published: Notify::new(),
             hooks: Notify::new(),
             running: Mutex::default(),

@@ -1,4 +1,5 @@
-"""The service against its own OpenAPI document, judged by schemathesis: every check, the same requests each time. Argument: base URL.
+"""The service against its own OpenAPI document, judged by schemathesis: every check, the same requests each time. Arguments: base URL, an API key
+of every scope.
 
 A client generated from the document must work, so the document must be true: statuses, media types, bodies and headers
 are those it names, what it forbids is refused, what it allows is accepted or refused for a reason that no schema can say.
@@ -15,7 +16,7 @@ import schemathesis
 from schemathesis.cli import schemathesis as command
 from schemathesis.openapi.checks import UseAfterFree
 
-base = sys.argv[1].rstrip("/")
+base, key = sys.argv[1].rstrip("/"), sys.argv[2]
 
 
 def scan(beams):
@@ -32,10 +33,21 @@ def job(resolution, beams, priority=0):
     return {"scans": [scan(beams)], "noise": noise, "map": {"distance": "sdf", "resolution": resolution}, "priority": priority}
 
 
-def ask(path, body=None):
+def ask(path, body=None, method=None):
     data = body and json.dumps(body).encode()
-    with urllib.request.urlopen(urllib.request.Request(base + path, data, {"content-type": "application/json"})) as answer:
+    headers = {"content-type": "application/json", "authorization": f"Bearer {key}"}
+    with urllib.request.urlopen(urllib.request.Request(base + path, data, headers, method=method)) as answer:
         return json.load(answer)
+
+
+def hooked():
+    """A webhook's id."""
+    return ask("/v1/webhooks", {"url": "https://hooks.example/", "events": ["job.successful"]})["id"]
+
+
+def published(name):
+    """A place of this name."""
+    return ask(f"/v1/places/{name}", {"map_id": map_id}, "PUT")["name"]
 
 
 def fitted():
@@ -46,7 +58,8 @@ def fitted():
 
 
 job_id, map_id = fitted()
-real = {"/v1/jobs/{id}": job_id, "/v1/maps/{id}": map_id}
+real = {"jobs": job_id, "maps": map_id, "webhooks": hooked(), "places": published("hall")}
+examples = {"part": "poses", "layer": "distance", "z": 7, "x": 0, "y": 0}
 cancelled = set()
 
 
@@ -63,18 +76,34 @@ def before_load_schema(context, document):
         for operation in item.values():
             for parameter in operation.get("parameters", []):
                 if parameter["in"] == "path":
-                    parameter["example"] = real["/".join(path.split("/")[:4])]
-    body = {"/v1/jobs": job(0.5, 60), "/v1/maps/{id}/query": {"points": [[0.5, 0.5], [1.5, -1.0]]}}
-    for path, example in body.items():
-        document["paths"][path]["post"]["requestBody"]["content"]["application/json"]["example"] = example
+                    parameter["example"] = examples.get(parameter["name"], real.get(path.split("/")[2]))
+    body = {
+        ("/v1/jobs", "post"): job(0.5, 60),
+        ("/v1/maps/{id}/query", "post"): {"points": [[0.5, 0.5], [1.5, -1.0]]},
+        ("/v1/places/{name}", "put"): {"map_id": map_id},
+        ("/v1/places/{name}/rollback", "post"): {"version": 1},
+        ("/v1/webhooks", "post"): {"url": "https://hooks.example/", "events": ["job.failed"]},
+    }
+    for (path, method), example in body.items():
+        document["paths"][path][method]["requestBody"]["content"]["application/json"]["example"] = example
 
 
 @schemathesis.hook
 def before_call(context, case, kwargs):
     """What is deleted is made for it: a map of its own, a job that is still at work; the shared ones stay."""
-    if case.method == "DELETE" and case.path_parameters.get("id") in real.values():
-        long = "/jobs/" in case.operation.path
-        case.path_parameters["id"] = ask("/v1/jobs", job(0.02, 720))["id"] if long else fitted()[1]
+    # A place's map is elsewhere: that is its answer.
+    kwargs["allow_redirects"] = False
+    if case.method != "DELETE" or not set(case.path_parameters.values()) & set(real.values()):
+        return
+    match case.operation.path.split("/")[2]:
+        case "jobs":
+            case.path_parameters["id"] = ask("/v1/jobs", job(0.02, 720))["id"]
+        case "maps":
+            case.path_parameters["id"] = fitted()[1]
+        case "webhooks":
+            case.path_parameters["id"] = hooked()
+        case "places":
+            case.path_parameters["name"] = published("another")
 
 
 @schemathesis.hook
@@ -90,7 +119,8 @@ def filter_failure(context, failure, case, response):
 
 
 # Everything that the document allows must be accepted, apart from ids that nobody has (404), jobs that have ended (409), and
-# what no schema can say (422): cursors of this service, boxes in order, numbers that fit the map's lattice, what covariance's
+# what no schema can say (409 or 412: a place is not as a condition says, a job has not ended; 429: there are as many webhooks as
+# may be; 422): maps and versions that places have, networks that webhooks may reach, labels' keys, cursors of this service, boxes in order, numbers that fit the map's lattice, what covariance's
 # `form` asks of the rest, and of a job that its ranges, bounds and poses belong together.
 CONFIG = """
 continue-on-failure = true
@@ -101,6 +131,9 @@ warnings.fail-on = ["missing_deserializer", "missing_test_data"]
 dictionaries.jobs.values = ["{job_id}"]
 dictionaries.maps.values = ["{map_id}"]
 phases.fuzzing.extra-data-sources.responses = false
+
+[auth.openapi.key]
+bearer = "{key}"
 
 [generation]
 deterministic = true
@@ -113,6 +146,14 @@ expected-statuses = ["2xx", "304", "404", "409"]
 [[operations]]
 include-name = ["GET /v1/jobs", "POST /v1/jobs", "GET /v1/maps"]
 checks.positive_data_acceptance.expected-statuses = ["2xx", "304", "404", "409", "422"]
+
+[[operations]]
+include-path-regex = "^/v1/(places|webhooks)"
+checks.positive_data_acceptance.expected-statuses = ["2xx", "304", "307", "404", "409", "412", "422", "429"]
+
+[[operations]]
+include-method = "PATCH"
+checks.positive_data_acceptance.expected-statuses = ["2xx", "404", "422"]
 
 [[operations]]
 include-path = ["/v1/maps/{{id}}/covariance", "/v1/maps/{{id}}/grid", "/v1/maps/{{id}}/ogm"]
@@ -129,5 +170,5 @@ parameters."path.id" = {{ dictionary = "maps", probability = 0.6 }}
 
 with tempfile.TemporaryDirectory() as folder:
     config = Path(folder, "schemathesis.toml")
-    config.write_text(CONFIG.format(job_id=job_id, map_id=map_id))
+    config.write_text(CONFIG.format(job_id=job_id, map_id=map_id, key=key))
     command.main(["--no-color", "--config-file", str(config), "run", f"{base}/openapi.json", "--checks", "all"])

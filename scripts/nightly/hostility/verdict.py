@@ -23,7 +23,8 @@ class Verdicts:
 
     failures: list[str] = field(default_factory=list)
     statuses: Counter = field(default_factory=Counter)
-    later: int = 0
+    #: 503s, each with what was asked.
+    later: list[str] = field(default_factory=list)
     #: Refusals in the protocol's own words: a status and no problem.
     bare: list[str] = field(default_factory=list)
     #: What else a suite has to tell.
@@ -38,7 +39,7 @@ class Verdicts:
         """What holds for every answer, whatever was asked."""
         self.statuses[answer.status] += 1
         if answer.status == 503:
-            self.later += 1
+            self.later.append(name)
             if not answer.is_problem():
                 self.fail(f"{name}: 503 without a problem")
         elif answer.status >= 500:

@@ -1,16 +1,16 @@
-//! Health, the machine-readable contract, and the console.
+//! Health, the machine-readable contract, metrics, usage, and the console.
 
+pub mod console;
 pub mod metrics;
 pub mod usage;
 
 use axum::Json;
 use axum::extract::State;
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::http::layers::guard::policy;
 use crate::http::shared::AppState;
 use crate::http::shared::problem::{Problem, Refused};
 
@@ -46,11 +46,4 @@ pub async fn get_readyz(State(state): State<AppState>) -> Result<Json<Health>, P
         Ok(()) => Ok(Json(Health { status: "ready" })),
         Err(why) => Err(unready(why)),
     }
-}
-
-/// The console: jobs and maps in a browser.
-pub async fn console() -> impl IntoResponse {
-    const PAGE: &str = include_str!("../../../console/index.html");
-    let content = HeaderValue::from_static("text/html; charset=utf-8");
-    ([(header::CONTENT_TYPE, content), (header::CONTENT_SECURITY_POLICY, policy(PAGE))], PAGE)
 }

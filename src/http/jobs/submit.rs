@@ -57,12 +57,12 @@ pub async fn submit_job(
         return Err(problem);
     }
     let received = state.read_body(&headers, body, &[JSON.media]).await?;
+    let key = idempotency_key(&headers)?;
     if dry_run {
         let limits = state.workshop.limits;
         let try_out = move |_: &Leash| Ok(DryRun::of(&parse(&received.unpack()?, &limits)?));
         return Ok(Json(state.compute.run(Queue::Requests, try_out).await?).into_response());
     }
-    let key = idempotency_key(&headers)?;
     let (limits, quota, budget) = (state.workshop.limits, state.limits.quota, state.workshop.rules.memory);
     let prepare = move |_: &Leash| prepare(&received.unpack()?, key, &limits, budget);
     let new = state.compute.run(Queue::Requests, prepare).await?;

@@ -36,6 +36,9 @@ pub async fn publish_map(
         let detail = "a place's name is a letter a-z or a digit, then up to 62 of those, '.', '_' and '-'";
         return Err(Problem::unprocessable(detail));
     }
+    if wanted.map_id.is_empty() {
+        return Err(fault("/map_id", "must be a map's id"));
+    }
     if wanted.note.as_ref().is_some_and(|note| note.chars().count() > LONGEST_NOTE || note.contains('\0')) {
         return Err(fault("/note", &format!("must have {LONGEST_NOTE} characters at most, and no U+0000")));
     }

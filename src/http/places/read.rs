@@ -115,7 +115,7 @@ pub async fn get_place_map_part(
     Path((name, part)): Path<(String, String)>,
     uri: Uri,
 ) -> Result<Response, Problem> {
-    redirect(&state, &caller, &name, &format!("/{part}"), &uri).await
+    redirect(&state, &caller, &name, &below(&part), &uri).await
 }
 
 /// Ask the published map: the same question, to the same path of the map.
@@ -130,7 +130,12 @@ pub async fn ask_place_map(
     Path((name, part)): Path<(String, String)>,
     uri: Uri,
 ) -> Result<Response, Problem> {
-    redirect(&state, &caller, &name, &format!("/{part}"), &uri).await
+    redirect(&state, &caller, &name, &below(&part), &uri).await
+}
+
+/// A path's part, as an address has it.
+fn below(part: &str) -> String {
+    format!("/{}", form_urlencoded::byte_serialize(part.as_bytes()).collect::<String>().replace('+', "%20"))
 }
 
 async fn redirect(state: &AppState, caller: &Caller, name: &str, part: &str, uri: &Uri) -> Result<Response, Problem> {

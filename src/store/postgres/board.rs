@@ -8,9 +8,7 @@ use uuid::Uuid;
 use super::rows::{self, JOB, LEASE};
 use super::{PostgresStore, listed, now};
 use crate::jobs::{Job, JobStatus};
-use crate::store::{
-    Cancellation, JobBoard, Listing, NewJob, Quota, Relabelling, Removal, StoreError, Submission,
-};
+use crate::store::{Cancellation, JobBoard, Listing, NewJob, Quota, Relabelling, Removal, StoreError, Submission};
 
 /// A quota is exact as long as no more submissions of a tenant than this are under way at once: so near to it they queue.
 const MARGIN: i64 = 64;
@@ -18,7 +16,8 @@ const MARGIN: i64 = 64;
 const TRIES: usize = 3;
 
 const KNOWN_KEY: &str = "SELECT body, job_id FROM idempotency_keys WHERE tenant = $1 AND key = $2";
-const HELD: &str = "SELECT COALESCE(sum(queued), 0)::bigint, COALESCE(sum(bytes), 0)::bigint FROM holdings WHERE tenant = $1";
+const HELD: &str =
+    "SELECT COALESCE(sum(queued), 0)::bigint, COALESCE(sum(bytes), 0)::bigint FROM holdings WHERE tenant = $1";
 const QUOTA_LOCK: &str = "SELECT pg_advisory_xact_lock(quota_key($1))";
 /// One statement, so that it commits by itself; a trigger tells who listens.
 const INSERT: &str = "WITH clock AS MATERIALIZED (SELECT now_ms() AS at), \

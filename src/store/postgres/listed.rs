@@ -1,7 +1,7 @@
 //! Pages of jobs and maps, newest first, by walking indexes side by side.
 //!
 //! Each condition (a label, a status, a box) is a *leg*: an index that gives the next id below a bound. A page leaps from
-//! leg to leg: the least of the legs' ids is the next bound, and where all agree lies a hit (leapfrog join, Veldhuizen 2014).
+//! leg to leg, and where all agree lies a hit (leapfrog join, Veldhuizen 2014).
 //! So a page costs what its rarest condition has, whichever that is, without a guess of the planner's. PostgreSQL makes the
 //! rows of a recursive query one by one, as they are asked for, so the walk ends with the page.
 
@@ -26,7 +26,7 @@ pub const JOBS: Listed = Listed {
     labels: "job_labels",
     label_id: "job_id",
     columns: rows::JOB,
-    rows: "JOIN jobs AS j ON j.id = hit.l0 LEFT JOIN leases AS l ON l.job_id = j.id",
+    rows: "JOIN jobs AS j ON j.id = hit.high LEFT JOIN leases AS l ON l.job_id = j.id",
     row_id: "j.id",
 };
 pub const MAPS: Listed = Listed {
@@ -34,7 +34,7 @@ pub const MAPS: Listed = Listed {
     labels: "map_labels",
     label_id: "map_id",
     columns: rows::MAP,
-    rows: "JOIN maps AS m ON m.id = hit.l0",
+    rows: "JOIN maps AS m ON m.id = hit.high",
     row_id: "m.id",
 };
 
@@ -49,7 +49,18 @@ enum Leg<'a> {
     Within([f64; 4]),
 }
 
-/// The query for a page.
+/// Where a leg looks from.
+enum Bound<'a> {
+    /// Below an id.
+    Start(&'a str),
+    /// Below what the step before came to. An id and a blank sorts just above the id: it may itself be a hit.
+    Walked,
+    /// At the id of the leg before, or below it.
+    AtMost(usize),
+}
+
+/// The query for a page. A step of the walk asks one leg after the other, each from where the one before came to; where the
+/// last is where the first is all agree. What a leg does not have is null, and ends the walk.
 pub fn page(listed: &Listed, listing: &Listing) -> QueryBuilder<Postgres> {
     let mut labels: Vec<&(String, String)> = listing.labels.iter().collect();
     labels.sort_unstable();
@@ -60,43 +71,39 @@ pub fn page(listed: &Listed, listing: &Listing) -> QueryBuilder<Postgres> {
     if legs.is_empty() {
         legs.push(Leg::Every);
     }
-    let names: Vec<String> = (0..legs.len()).map(|k| format!("l{k}")).collect();
-    // LEAST passes over what is null, so the end of a leg is asked for by itself.
-    let each = |condition: &str| names.iter().map(|name| format!("{name} {condition}")).collect::<Vec<_>>();
-    let goes_on = each("IS NOT NULL").join(" AND ");
-    let agree = each("= l0").join(" AND ");
-    let all = names.join(", ");
-    // An id and a blank sorts just above the id, so that what lies below it includes it.
-    let bound = format!("CASE WHEN {agree} THEN l0 ELSE LEAST({all}) || ' ' END");
-    let mut query = QueryBuilder::<Postgres>::new(format!("WITH RECURSIVE walk ({all}) AS (SELECT "));
-    let start = listing.before.clone().unwrap_or_else(|| ABOVE_ALL.to_owned());
-    for (k, leg) in legs.iter().enumerate() {
-        query.push(if k > 0 { ", " } else { "" });
-        push_leg(&mut query, listed, leg, &listing.tenant, &Bound::Given(&start));
-    }
-    query.push(" UNION ALL SELECT ");
-    for (k, leg) in legs.iter().enumerate() {
-        query.push(if k > 0 { ", " } else { "" });
-        push_leg(&mut query, listed, leg, &listing.tenant, &Bound::Walked(&bound));
-    }
-    query.push(format!(" FROM walk WHERE {goes_on}) SELECT {}", listed.columns));
-    query.push(format!(" FROM (SELECT l0 FROM walk WHERE {agree} LIMIT ")).push_bind(listing.limit);
+    let ends = format!("SELECT s0.id, s{}.id FROM ", legs.len() - 1);
+    let start = listing.before.as_deref().unwrap_or(ABOVE_ALL);
+    let mut query = QueryBuilder::<Postgres>::new("WITH RECURSIVE walk (high, low) AS (");
+    query.push(&ends);
+    push_step(&mut query, listed, &legs, &listing.tenant, &Bound::Start(start));
+    query.push(" UNION ALL ").push(&ends).push("walk CROSS JOIN LATERAL ");
+    push_step(&mut query, listed, &legs, &listing.tenant, &Bound::Walked);
+    query.push(format!(" WHERE walk.low IS NOT NULL) SELECT {}", listed.columns));
+    query.push(" FROM (SELECT high FROM walk WHERE low = high LIMIT ").push_bind(listing.limit);
     query.push(format!(") AS hit {} ORDER BY {} DESC", listed.rows, listed.row_id));
     query
 }
 
-enum Bound<'a> {
-    Given(&'a str),
-    Walked(&'a str),
+fn push_step(query: &mut QueryBuilder<Postgres>, listed: &Listed, legs: &[Leg<'_>], tenant: &str, bound: &Bound<'_>) {
+    for (k, leg) in legs.iter().enumerate() {
+        if k == 0 {
+            push_leg(query, listed, leg, tenant, bound);
+            query.push(" AS s0");
+        } else {
+            query.push(" LEFT JOIN LATERAL ");
+            push_leg(query, listed, leg, tenant, &Bound::AtMost(k - 1));
+            query.push(format!(" AS s{k} ON true"));
+        }
+    }
 }
 
-/// The next id of a leg below a bound.
+/// The next id of a leg.
 fn push_leg(query: &mut QueryBuilder<Postgres>, listed: &Listed, leg: &Leg<'_>, tenant: &str, bound: &Bound<'_>) {
     let (table, id) = match leg {
         Leg::Label(_) => (listed.labels, listed.label_id),
         _ => (listed.table, "id"),
     };
-    query.push(format!("(SELECT {id} FROM {table} WHERE tenant = ")).push_bind(tenant.to_owned());
+    query.push(format!("(SELECT {id} AS id FROM {table} WHERE tenant = ")).push_bind(tenant.to_owned());
     match leg {
         Leg::Every => {}
         Leg::Label((key, value)) => {
@@ -110,10 +117,13 @@ fn push_leg(query: &mut QueryBuilder<Postgres>, listed: &Listed, leg: &Leg<'_>, 
             query.push(" AND min_y <= ").push_bind(*max_y).push(" AND max_y >= ").push_bind(*min_y);
         }
     }
-    query.push(format!(" AND {id} < "));
     match bound {
-        Bound::Given(id) => query.push_bind((*id).to_owned()),
-        Bound::Walked(expression) => query.push(*expression),
+        Bound::Start(start) => query.push(format!(" AND {id} < ")).push_bind((*start).to_owned()),
+        Bound::Walked => {
+            let from = "CASE WHEN walk.low = walk.high THEN walk.low ELSE walk.low || ' ' END";
+            query.push(format!(" AND {id} < {from}"))
+        }
+        Bound::AtMost(before) => query.push(format!(" AND {id} <= s{before}.id")),
     };
-    query.push(format!(" ORDER BY {id} DESC LIMIT 1)"));
+    query.push(format!(" ORDER BY {table}.{id} DESC LIMIT 1)"));
 }

@@ -43,7 +43,8 @@ impl Places for PostgresStore {
         if !guard.holds(latest.map(|(serial, _)| serial)) {
             return Ok(Publication::Refused);
         }
-        let map: Option<String> = sqlx::query_scalar(HAS_MAP).bind(map_id).bind(tenant).fetch_optional(&mut *tx).await?;
+        let map: Option<String> =
+            sqlx::query_scalar(HAS_MAP).bind(map_id).bind(tenant).fetch_optional(&mut *tx).await?;
         if map.is_none() {
             return Ok(Publication::NoMap);
         }
@@ -71,7 +72,8 @@ impl Places for PostgresStore {
     }
 
     async fn places(&self, tenant: &str, before: Option<i64>, limit: i64) -> Result<Vec<Place>, StoreError> {
-        let query = format!("{VERSION} {CURRENT} WHERE v.tenant = $1 AND v.serial < $2 ORDER BY v.serial DESC LIMIT $3");
+        let query =
+            format!("{VERSION} {CURRENT} WHERE v.tenant = $1 AND v.serial < $2 ORDER BY v.serial DESC LIMIT $3");
         let query = sqlx::query(AssertSqlSafe(query)).bind(tenant).bind(before.unwrap_or(i64::MAX)).bind(limit);
         query.fetch_all(&self.pool).await?.iter().map(rows::place).collect()
     }

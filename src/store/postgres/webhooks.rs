@@ -14,7 +14,8 @@ const INSERT: &str = concat!(
     ") RETURNING id, url, events, created"
 );
 const WEBHOOK: &str = "SELECT id, url, events, created FROM webhooks WHERE id = $1 AND tenant = $2";
-const PAGE: &str = "SELECT id, url, events, created FROM webhooks WHERE tenant = $1 AND id < $2 ORDER BY id DESC LIMIT $3";
+const PAGE: &str =
+    "SELECT id, url, events, created FROM webhooks WHERE tenant = $1 AND id < $2 ORDER BY id DESC LIMIT $3";
 const REMOVE: &str = "DELETE FROM webhooks WHERE id = $1 AND tenant = $2";
 const TAKE: &str = concat!(
     "WITH due AS MATERIALIZED (SELECT id FROM deliveries WHERE status = 'pending' AND next_attempt <= ",
@@ -58,12 +59,7 @@ impl Webhooks for PostgresStore {
         Ok(sqlx::query(REMOVE).bind(id).bind(tenant).execute(&self.pool).await?.rows_affected() == 1)
     }
 
-    async fn deliveries(
-        &self,
-        webhook_id: &str,
-        before: Option<i64>,
-        limit: i64,
-    ) -> Result<Vec<Delivery>, StoreError> {
+    async fn deliveries(&self, webhook_id: &str, before: Option<i64>, limit: i64) -> Result<Vec<Delivery>, StoreError> {
         let query = sqlx::query(DELIVERIES).bind(webhook_id).bind(before.unwrap_or(i64::MAX)).bind(limit);
         query.fetch_all(&self.pool).await?.iter().map(rows::delivery).collect()
     }

@@ -12,6 +12,10 @@ use crate::store::{ApiKey, Delivery, DeliveryStatus, Place, StoreError, Webhook}
 pub const JOB: &str = "id, tenant, name, labels, status, progress, message, problem, created, started, finished, updated, \
                        attempt, priority, map_id, revision, retry_of, deadline";
 
+/// A map's columns. Named one by one: a statement that a process has prepared stays right when a newer one adds columns.
+pub const MAP: &str =
+    "id, job_id, tenant, name, labels, created, distance, lattice, fit, prefix, bytes, sha256, parent, version";
+
 pub fn job(row: &SqliteRow) -> Result<Job, StoreError> {
     let status: String = row.try_get("status")?;
     let problem: Option<String> = row.try_get("problem")?;

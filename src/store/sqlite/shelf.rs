@@ -1,26 +1,28 @@
 //! Maps as clients see them.
 
 use async_trait::async_trait;
+use sqlx::AssertSqlSafe;
 
-use super::{SqliteStore, listed, rows};
+use super::rows::{self, MAP};
+use super::{SqliteStore, listed};
 use crate::jobs::MapRecord;
 use crate::store::{Listing, MapRemoval, MapShelf, Relabelling, StoreError};
 
-const MAP: &str = "SELECT * FROM maps WHERE id = ? AND tenant = ?";
 const RELABEL: &str = "UPDATE maps SET name = CASE WHEN ? THEN ? ELSE name END, labels = COALESCE(?, labels) \
                        WHERE id = ? AND tenant = ?";
 const NAMED: &str = "SELECT name FROM place_versions WHERE map_id = ? AND tenant = ? LIMIT 1";
-const REMOVE: &str = "DELETE FROM maps WHERE id = ? AND tenant = ? RETURNING *";
+const REMOVE: &str = "DELETE FROM maps WHERE id = ? AND tenant = ? RETURNING ";
 
 #[async_trait]
 impl MapShelf for SqliteStore {
     async fn map(&self, tenant: &str, id: &str) -> Result<Option<MapRecord>, StoreError> {
-        let row = sqlx::query(MAP).bind(id).bind(tenant).fetch_optional(&self.readers).await?;
+        let query = format!("SELECT {MAP} FROM maps WHERE id = ? AND tenant = ?");
+        let row = sqlx::query(AssertSqlSafe(query)).bind(id).bind(tenant).fetch_optional(&self.readers).await?;
         row.as_ref().map(rows::map).transpose()
     }
 
     async fn maps(&self, listing: &Listing) -> Result<Vec<MapRecord>, StoreError> {
-        let mut query = listed::page(&listed::MAPS, "*", listing);
+        let mut query = listed::page(&listed::MAPS, MAP, listing);
         query.build().fetch_all(&self.readers).await?.iter().map(rows::map).collect()
     }
 
@@ -39,7 +41,8 @@ impl MapShelf for SqliteStore {
         if let Some(place) = named {
             return Ok(MapRemoval::Named(place));
         }
-        let removed = sqlx::query(REMOVE).bind(id).bind(tenant).fetch_all(&mut *tx).await?;
+        let remove = sqlx::query(AssertSqlSafe(format!("{REMOVE}{MAP}"))).bind(id).bind(tenant);
+        let removed = remove.fetch_all(&mut *tx).await?;
         tx.commit().await?;
         Ok(match removed.first() {
             Some(row) => MapRemoval::Removed(Box::new(rows::map(row)?)),

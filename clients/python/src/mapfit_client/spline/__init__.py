@@ -1,0 +1,1 @@
+"""Uniform cubic B-spline surfaces, as the contract defines them."""

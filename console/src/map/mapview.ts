@@ -1,0 +1,201 @@
+// The map and what lies beside it. The view is the address's: controls change the address, and the address the view.
+
+import { downloadList } from "../kit/downloads";
+import { make } from "../kit/element";
+import { onTheme, theme } from "../kit/theme";
+import { jobName } from "../jobs/actions";
+import { heading } from "../route/router";
+import type { Abilities } from "../service/abilities";
+import { listMaps } from "../service/maps";
+import { Problem, isAbort } from "../service/problem";
+import type { MapRecord, Point } from "../service/types";
+import { AnswerPanel } from "./answer";
+import { Canvas } from "./canvas";
+import { Comparison } from "./compare";
+import { Extras } from "./extras";
+import { facts } from "./facts";
+import { filesOf } from "./files";
+import { Legend } from "./legend";
+import { MarksOverlay } from "./overlays/marks";
+import { inks } from "./palette";
+import { Panel } from "./panel";
+import { Ruler } from "./ruler";
+import { type Scales, scalesOf } from "./scale";
+import { ScaleBar, zoomButtons } from "./scalebar";
+import { Sheet } from "./sheet";
+import { State } from "./state";
+import { type View, hrefOf } from "./view";
+
+export class MapView {
+  readonly element = make("div", { class: "map-view" });
+  private readonly state = new State(
+    () => this.again(),
+    (tiles) => (this.element.dataset["tiles"] = String(tiles)),
+  );
+  private readonly canvas: Canvas;
+  private readonly sheet: Sheet;
+  private readonly extras: Extras;
+  private readonly comparison: Comparison;
+  private readonly marks = new MarksOverlay(() => inks(theme()));
+  private readonly ruler = new Ruler(this.marks, (ruler) => this.go({ ruler }));
+  private readonly legend = new Legend();
+  private readonly scaleBar = new ScaleBar();
+  private readonly panel: Panel;
+  private readonly answer: AnswerPanel;
+  private readonly downloads = make("div", {});
+  private scales: Scales | null = null;
+  private enlarged: number | null = null;
+
+  constructor(
+    private readonly record: MapRecord,
+    private readonly able: Abilities | null,
+    private view: View,
+    private readonly signal: AbortSignal,
+  ) {
+    const go = (change: Partial<View>) => this.go(change);
+    this.sheet = new Sheet(record, this.state, signal);
+    this.canvas = new Canvas(this.sheet.extent, `Map ${jobName(record)}`, {
+      clicked: (point) => this.clicked(point),
+      pointed: (point) => this.scaleBar.point(point),
+      rested: (camera) => this.rested(camera),
+      moved: (resolution) => this.scaleBar.show(resolution),
+    });
+    this.answer = new AnswerPanel(
+      record.id,
+      (answer) => this.marks.point(answer),
+      () => go({ at: null }),
+    );
+    const changes = able?.has("get", "/v1/maps/{id}/changes") ?? false;
+    this.panel = new Panel({ go, opacity: (opacity) => this.fade(opacity) }, { changes });
+    this.extras = new Extras(record, this.panel, signal, (times) => {
+      this.enlarged = times;
+      this.showLegend();
+    });
+    this.comparison = new Comparison(this.canvas, this.sheet, this.state, signal, {
+      moved: (swipe) => go({ swipe }),
+      arrived: () => this.show(),
+    });
+    this.canvas.add(...this.sheet.layers, ...this.extras.layers, this.marks.picture.layer);
+    this.lay();
+    onTheme(() => this.renew(), signal);
+  }
+
+  /** Once it is in the page: a map needs its size to be fitted. */
+  begin(): void {
+    this.canvas.look(this.view.camera);
+    this.scaleBar.show(this.canvas.camera.resolution);
+    void this.chooseScales();
+    void this.listOthers();
+    this.show();
+  }
+
+  update(view: View): void {
+    // Back to where no view was named is back to the whole map.
+    if (JSON.stringify(view.camera) !== JSON.stringify(this.view.camera)) this.canvas.look(view.camera);
+    this.view = view;
+    this.show();
+  }
+
+  dispose(): void {
+    this.canvas.dispose();
+  }
+
+  /** What lies over the map, and what stands beside it. */
+  private lay(): void {
+    const { canvas, legend, record } = this;
+    const over = [zoomButtons(canvas), this.ruler.tools.element, this.scaleBar.element, this.state.element];
+    canvas.element.append(...over);
+    const section = (title: string, ...content: HTMLElement[]) =>
+      make("section", {}, make("h2", {}, title), ...content);
+    this.element.append(
+      make("div", { class: "stage" }, canvas.element, legend.element),
+      make(
+        "div",
+        { class: "side" },
+        heading(jobName(record)),
+        facts(record),
+        section("Point", this.answer.element, this.ruler.element),
+        section("View", this.panel.element),
+        section("Downloads", this.downloads),
+      ),
+    );
+  }
+
+  private go(change: Partial<View>): void {
+    location.hash = hrefOf(this.record.id, { ...this.view, camera: this.canvas.camera, ...change });
+  }
+
+  /** The view came to rest: the address follows, but moving about is no step to go back over. */
+  private rested(camera: View["camera"]): void {
+    if (this.signal.aborted) return;
+    this.view = { ...this.view, camera };
+    history.replaceState(null, "", hrefOf(this.record.id, this.view));
+  }
+
+  private clicked(point: Point): void {
+    if (!this.ruler.takes(point)) this.go({ at: point });
+  }
+
+  private fade(opacity: number): void {
+    for (const sheet of [this.sheet, this.comparison.sheet]) sheet?.tiles.layer.setOpacity(opacity);
+  }
+
+  private async chooseScales(): Promise<void> {
+    try {
+      this.scales = await scalesOf(this.record.id, this.sheet.extent, this.view.kind, this.signal);
+      this.show();
+    } catch (error) {
+      if (!isAbort(error)) this.state.failed(Problem.of(error));
+    }
+  }
+
+  private async listOthers(): Promise<void> {
+    const page = await listMaps({ limit: 200 }, this.signal).catch(() => null);
+    const others = page?.items.filter((map) => map.id !== this.record.id);
+    if (others) this.panel.others(others, this.view.compare);
+  }
+
+  /** In other colours: tiles have their theme in their address, what is drawn here is drawn anew. */
+  private renew(): void {
+    for (const part of [this.sheet, this.comparison.sheet, this.extras]) part?.renew();
+    this.marks.picture.renew();
+    this.show();
+  }
+
+  /** Asks anew for what failed. */
+  private again(): void {
+    this.sheet.tiles.again();
+    this.comparison.sheet?.tiles.again();
+    if (this.scales) this.show();
+    else void this.chooseScales();
+  }
+
+  private show(): void {
+    const { view } = this;
+    this.panel.show(view);
+    this.extras.show(view);
+    this.listDownloads();
+    if (view.at) void this.answer.ask(view.at, view.kind);
+    else this.answer.clear();
+    this.ruler.show(view.ruler);
+    if (!this.scales) return;
+    this.sheet.show(view, this.scales);
+    this.comparison.show(view, this.scales);
+    this.showLegend();
+  }
+
+  private showLegend(): void {
+    if (!this.scales) return;
+    const { layer, kind, overlays } = this.view;
+    const { distance } = this.record;
+    this.legend.show({ layer, kind, overlays, distance, max: this.scales[layer], enlarged: this.enlarged });
+  }
+
+  /** Made anew only where addresses change, so that what is unfolded stays so. */
+  private listDownloads(): void {
+    const { kind } = this.view;
+    if (this.downloads.dataset["kind"] === kind) return;
+    this.downloads.dataset["kind"] = kind;
+    this.downloads.replaceChildren(downloadList(filesOf(this.record, kind, this.able)));
+  }
+}

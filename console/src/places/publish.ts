@@ -1,0 +1,59 @@
+// A form that publishes a map: at a new place, or as an old one's next version.
+
+import { make } from "../kit/element";
+import { problemNotice, say } from "../kit/notice";
+import { nameOf } from "../map/panel";
+import { listMaps } from "../service/maps";
+import { NAME_PATTERN, publish } from "../service/places";
+import type { Place } from "../service/types";
+
+export function publishForm(place: string | null, done: (place: Place) => void, signal: AbortSignal): HTMLElement {
+  const name = make("input", {
+    type: "text",
+    id: "place-name",
+    required: true,
+    pattern: NAME_PATTERN,
+    maxlength: 63,
+    autocomplete: "off",
+    spellcheck: "false",
+    "aria-describedby": "place-hint",
+  });
+  const map = make("select", { id: "place-map", required: true });
+  const note = make("input", { type: "text", id: "place-note", maxlength: 256, autocomplete: "off" });
+  const outcome = make("div", {});
+  void listMaps({ limit: 200 }, signal).then(
+    ({ items }) => map.replaceChildren(...items.map((one) => make("option", { value: one.id }, nameOf(one)))),
+    () => {},
+  );
+  const submit = async (event: Event) => {
+    event.preventDefault();
+    outcome.replaceChildren();
+    try {
+      const published = await publish(place ?? name.value, map.value, note.value.trim(), place === null);
+      say(`Published at ${published.name} as version ${published.version}`);
+      note.value = "";
+      done(published);
+    } catch (error) {
+      outcome.replaceChildren(problemNotice(error));
+    }
+  };
+  return make(
+    "form",
+    { class: "stack", onsubmit: (event: Event) => void submit(event) },
+    place === null ? make("label", { for: "place-name" }, "Name") : null,
+    place === null ? name : null,
+    place === null
+      ? make(
+          "p",
+          { class: "note", id: "place-hint" },
+          "Small letters, digits, dot, dash, underscore; a letter or digit first.",
+        )
+      : null,
+    make("label", { for: "place-map" }, "Map"),
+    map,
+    make("label", { for: "place-note" }, "Note"),
+    note,
+    outcome,
+    make("button", { type: "submit", class: "primary" }, "Publish"),
+  );
+}

@@ -1,0 +1,149 @@
+// Submission: a file, what it holds on a map, the form, what it will cost, and off it goes.
+
+import "../style/map.css";
+import "../style/submit.css";
+import "ol/ol.css";
+
+import { make, write } from "../kit/element";
+import { counted } from "../kit/format";
+import { notice, problemNotice, say } from "../kit/notice";
+import { href } from "../route/address";
+import { type Page, heading } from "../route/router";
+import { type Abilities, abilities } from "../service/abilities";
+import { isAbort, Problem } from "../service/problem";
+import type { Job } from "../service/types";
+import { dropZone } from "./drop";
+import { type Form, jobForm } from "./form";
+import { Forecast } from "./forecast";
+import { Preview } from "./preview";
+import { Reader, type Summary } from "./reader";
+import { sendJob, sendRecording } from "./send";
+
+export function submitPage(): Page {
+  const over = new AbortController();
+  const page = new SubmitPage(over.signal);
+  return { title: "Submit", element: page.element, leave: () => over.abort() };
+}
+
+class SubmitPage {
+  private readonly reader = new Reader();
+  private readonly preview: Preview;
+  private readonly stage = make("div", { class: "submit-stage" });
+  private readonly trouble = make("div", {});
+  private readonly state = make("p", { role: "status", class: "note" });
+  readonly element: HTMLElement;
+  private able: Abilities | null = null;
+
+  constructor(private readonly signal: AbortSignal) {
+    this.preview = new Preview(signal);
+    signal.addEventListener("abort", () => this.reader.dispose());
+    this.element = make(
+      "div",
+      { class: "page" },
+      heading("Submit scans"),
+      dropZone((file) => void this.take(file), signal),
+      this.state,
+      this.trouble,
+      this.stage,
+    );
+  }
+
+  private async take(file: File): Promise<void> {
+    this.trouble.replaceChildren();
+    this.stage.replaceChildren();
+    write(this.state, `Reading ${file.name}…`);
+    try {
+      const [summary, able] = await Promise.all([this.reader.read(file), abilities().catch(() => null)]);
+      this.able = able;
+      if (summary.kind === "recording" && !able?.reads("post", "/v1/jobs", "multipart/form-data")) {
+        throw new Error(
+          "This service does not read MCAP recordings in its version. Send a job as JSON, or a CARMEN log.",
+        );
+      }
+      write(this.state, "");
+      this.open(file, summary);
+    } catch (error) {
+      write(this.state, "");
+      this.trouble.replaceChildren(
+        notice({ title: `${file.name} cannot be sent`, detail: (error as Error).message, role: "alert" }),
+      );
+    }
+  }
+
+  private open(file: File, summary: Summary): void {
+    const recording = summary.kind === "recording";
+    const what = make("p", { class: "what" });
+    const describe = ({ scans, of, returns }: Summary) =>
+      write(
+        what,
+        recording
+          ? `${file.name}: a recording; the service reads it.`
+          : `${file.name}: ${counted(scans, "scan")}${scans < of ? ` of ${of}` : ""}, ${counted(returns.points.length / 2, "return")}`,
+      );
+    describe(summary);
+    const forecast = new Forecast(this.reader, this.able, this.signal, (lattice) => this.preview.showLattice(lattice));
+    const changed = async (selection: boolean) => {
+      if (recording) return;
+      if (selection) {
+        summary = await this.reader.select(form.selection());
+        describe(summary);
+        this.preview.show(summary, false);
+      }
+      forecast.ask(summary, form.settings());
+    };
+    const form = jobForm(summary, file.name, (selection) => void changed(selection));
+    // A repeat after a lost answer is the same submission; after a change it is another.
+    let idempotency = crypto.randomUUID();
+    form.element.addEventListener("input", () => (idempotency = crypto.randomUUID()));
+    const outcome = make("div", {});
+    const button = make("button", { type: "submit", class: "primary" }, "Submit");
+    const submit = async (event: Event) => {
+      event.preventDefault();
+      button.disabled = true;
+      write(button, "Sending…");
+      try {
+        this.sent(
+          recording ? await sendRecording(file, form, idempotency) : await sendJob(this.reader, form, idempotency),
+        );
+      } catch (error) {
+        if (!isAbort(error)) this.refused(error, form, outcome);
+      }
+      button.disabled = false;
+      write(button, "Submit");
+    };
+    const controls = make(
+      "form",
+      { onsubmit: (event: Event) => void submit(event), class: "submit-form" },
+      what,
+      form.element,
+      forecast.element,
+      outcome,
+      make("p", { class: "actions" }, button),
+    );
+    this.stage.replaceChildren(controls, ...(recording ? [] : [this.preview.element]));
+    this.stage.classList.toggle("alone", recording);
+    if (!recording) {
+      this.preview.show(summary, true);
+      forecast.ask(summary, form.settings());
+    }
+    form.element.querySelector("input")?.focus();
+  }
+
+  private sent(job: Job): void {
+    say("Submitted");
+    location.hash = href(["jobs", job.id]);
+  }
+
+  private refused(error: unknown, form: Form, outcome: HTMLElement): void {
+    const problem = Problem.of(error);
+    const left = form.faults(problem.errors);
+    const rest = new Problem(
+      problem.status,
+      problem.title,
+      left.length === problem.errors.length ? problem.detail : "",
+      left,
+      problem.slug,
+    );
+    outcome.replaceChildren(problemNotice(rest));
+  }
+}

@@ -1,0 +1,81 @@
+// The scans before they are sent: their returns, the poses, and the lattice that is going to be laid over them.
+
+import { make } from "../kit/element";
+import { onTheme, theme } from "../kit/theme";
+import { Canvas } from "../map/canvas";
+import { ReturnsOverlay } from "../map/overlays/returns";
+import { inks } from "../map/palette";
+import { Picture, type Pen } from "../map/picture";
+import { ScaleBar, zoomButtons } from "../map/scalebar";
+import { extentOf } from "../map/space";
+import type { Lattice } from "../service/types";
+import type { Summary } from "./reader";
+
+export class Preview {
+  readonly element = make("div", { class: "preview" });
+  private canvas: Canvas | null = null;
+  private summary: Summary | null = null;
+  private lattice: Lattice | null = null;
+  private readonly returns = new ReturnsOverlay(() => inks(theme()));
+  private readonly frame = new Picture((pen) => this.draw(pen), 2);
+
+  constructor(signal: AbortSignal) {
+    onTheme(() => this.renew(), signal);
+    signal.addEventListener("abort", () => this.canvas?.dispose());
+  }
+
+  /** Shows scans; fitted anew for another file, left as it is for another selection of the same. */
+  show(summary: Summary, fit: boolean): void {
+    this.summary = summary;
+    this.returns.set(summary.returns);
+    if (fit || !this.canvas) this.open(summary.box ?? [-1, -1, 1, 1]);
+    this.renew();
+  }
+
+  showLattice(lattice: Lattice | null): void {
+    this.lattice = lattice;
+    this.frame.renew();
+  }
+
+  private open([x0, y0, x1, y1]: [number, number, number, number]): void {
+    this.canvas?.dispose();
+    this.lattice = null;
+    const bar = new ScaleBar();
+    const margin = 0.06 * Math.max(x1 - x0, y1 - y0, 1);
+    const canvas = new Canvas([x0 - margin, y0 - margin, x1 + margin, y1 + margin], "The returns to be sent", {
+      pointed: (point) => bar.point(point),
+      moved: (resolution) => bar.show(resolution),
+    });
+    canvas.add(this.returns.picture.layer, this.frame.layer);
+    canvas.element.append(zoomButtons(canvas), bar.element);
+    this.element.replaceChildren(canvas.element);
+    this.canvas = canvas;
+    // The element may not be laid out yet.
+    requestAnimationFrame(() => {
+      canvas.fit();
+      bar.show(canvas.camera.resolution);
+    });
+  }
+
+  private renew(): void {
+    this.returns.picture.renew();
+    this.frame.renew();
+  }
+
+  private draw({ context, density, scale, pixel }: Pen): void {
+    const { poses: ink, contour } = inks(theme());
+    context.fillStyle = ink;
+    for (const pose of this.summary?.poses ?? []) {
+      const [x, y] = pixel([pose.x, pose.y]);
+      context.fillRect(x - density, y - density, 2 * density, 2 * density);
+    }
+    if (!this.lattice) return;
+    const [x0 = 0, y0 = 0, x1 = 0, y1 = 0] = extentOf(this.lattice);
+    const [left, bottom] = pixel([x0, y0]);
+    context.strokeStyle = contour;
+    context.lineWidth = 1.5 * density;
+    context.setLineDash([6 * density, 4 * density]);
+    context.strokeRect(left, bottom - (y1 - y0) * scale, (x1 - x0) * scale, (y1 - y0) * scale);
+    context.setLineDash([]);
+  }
+}

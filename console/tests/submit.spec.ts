@@ -1,0 +1,84 @@
+import { existsSync, readFileSync } from "node:fs";
+import { join } from "node:path";
+import { gzipSync } from "node:zlib";
+import { drop, expect, open, service, test } from "./fixtures";
+import { carmen, room } from "./room";
+
+const count = async () => {
+  const { items } = (await (await fetch(`${service()}/v1/jobs?limit=1000`)).json()) as { items: object[] };
+  return items.length;
+};
+
+test("a job is dropped, drawn, sent and watched to its map", async ({ page }) => {
+  await open(page, "#/submit");
+  await drop(page, "lab.json", JSON.stringify(room({ name: "dropped" })));
+  await expect(page.getByText("lab.json: 4 scans, 724 returns")).toBeVisible();
+  await expect(page.locator(".preview canvas").first()).toBeVisible();
+  await expect(page.getByLabel("Name")).toHaveValue("dropped");
+  await expect(page.getByRole("radio", { name: /Room/ })).toBeChecked();
+  await expect(page.locator(".forecast")).toContainText("control points");
+  // Asking what it will take must never run it.
+  const before = await count();
+  await page.getByLabel("Resolution, m").fill("0.3");
+  await page.waitForTimeout(1500);
+  expect(await count()).toBe(before);
+  await page.getByRole("button", { name: "Submit" }).click();
+  await expect(page.getByRole("heading", { level: 1 })).toHaveText("dropped");
+  await page.getByRole("link", { name: /Open map/ }).click({ timeout: 30_000 });
+  await expect(page.getByRole("region", { name: "Legend" })).toBeVisible();
+});
+
+test("a CARMEN log, gzipped, becomes a vector map; some of its scans are taken", async ({ page }) => {
+  await open(page, "#/submit");
+  await drop(page, "walk.log.gz", gzipSync(carmen(12)));
+  await expect(page.getByText("walk.log.gz: 12 scans, 1,944 returns")).toBeVisible();
+  await expect(page.getByRole("radio", { name: /Building/ })).toBeChecked();
+  await page.getByLabel("Every so many scans").fill("2");
+  await expect(page.getByText("walk.log.gz: 6 scans of 12, 972 returns")).toBeVisible();
+  await page.getByRole("button", { name: "Submit" }).click();
+  await expect(page.locator(".chip")).toHaveText("done", { timeout: 45_000 });
+});
+
+test("a real log is read as the command line reads it", async ({ page }) => {
+  const recordings = process.env["MAPFIT_RECORDINGS"] ?? "";
+  const log = join(recordings, "seattle.flaser.log.gz");
+  test.skip(!process.env["CI"] && !existsSync(log), "MAPFIT_RECORDINGS is not set");
+  await open(page, "#/submit");
+  await drop(page, "seattle.log.gz", readFileSync(log));
+  await expect(page.getByText("seattle.log.gz: 241 scans, 86,294 returns")).toBeVisible();
+});
+
+test("a fault of the service stands at its field", async ({ page }) => {
+  await open(page, "#/submit");
+  await drop(page, "lab.json", JSON.stringify(room({ name: "too fine" })));
+  await page.getByLabel("Resolution, m").fill("0.0004");
+  await page.getByRole("button", { name: "Submit" }).click();
+  await expect(page.getByLabel("Resolution, m")).toHaveAttribute("aria-invalid", "true");
+});
+
+for (const [name, content, words] of [
+  ["empty.json", "", "The file is empty"],
+  ["odd.json", "{", "not JSON"],
+  ["other.json", "{}", "no scans"],
+  ["words.log", "ODOM 1 2 3\n", "no FLASER line"],
+  ["torn.log", "FLASER 180 1 2 3\n", "Line 1: the line ends before its range"],
+  ["drive.bag", "#ROSBAG V2.0\n", "mcap convert"],
+  ["map.pgm", "P5\n1 1\n255\n", "occupancy map"],
+  ["damaged.log.gz", "\u001f\u008bnothing", "damaged"],
+] as const) {
+  test(`${name} is refused with what to do`, async ({ page }) => {
+    await open(page, "#/submit");
+    await drop(page, name, Buffer.from(content, "latin1"));
+    await expect(page.getByRole("alert").filter({ hasText: "cannot be sent" })).toContainText(words);
+  });
+}
+
+test("a file that is too large is refused before it is read", async ({ page }) => {
+  await open(page, "#/submit");
+  await page.evaluate(() => {
+    const dataTransfer = new DataTransfer();
+    dataTransfer.items.add(new File([new Uint8Array(70 * 1024 ** 2)], "huge.json"));
+    document.body.dispatchEvent(new DragEvent("drop", { bubbles: true, cancelable: true, dataTransfer }));
+  });
+  await expect(page.getByRole("alert").filter({ hasText: "cannot be sent" })).toContainText("64.0 MiB is the limit");
+});

@@ -1,0 +1,110 @@
+//! Several servers and workers on one PostgreSQL database and one artifact folder.
+
+#[path = "support/postgres.rs"]
+mod postgres_server;
+mod support;
+
+use std::path::Path;
+use std::process::{Child, Command};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use support::{Server, small};
+
+fn database() -> String {
+    tokio::runtime::Runtime::new().unwrap().block_on(postgres_server::database())
+}
+
+/// A process that works and does not serve; killed when it is dropped.
+struct Worker(Child);
+
+impl Worker {
+    fn start(data: &Path, database: &str) -> Self {
+        let arguments =
+            ["worker", "--workers", "1", "--log", "error", "--lease-seconds", "2", "--database-url", database];
+        Self(Command::new(env!("CARGO_BIN_EXE_mapfit")).args(arguments).arg("--data").arg(data).spawn().unwrap())
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn what_one_server_accepts_another_shows_and_any_worker_does() {
+    let (data, url) = (tempfile::tempdir().unwrap(), database());
+    let arguments = ["--database-url", &url, "--lease-seconds", "2"];
+    let one = Server::start_with(data.path(), 0, &arguments);
+    let two = Server::start_with(data.path(), 0, &arguments);
+    let embedded = tempfile::tempdir().unwrap();
+    let alone = Server::start(embedded.path(), 1);
+    let first = Worker::start(data.path(), &url);
+    let ids: Vec<String> = (0..20).map(|k| [&one, &two][k % 2].submit(&small(k as u64))).collect();
+    let second = Worker::start(data.path(), &url);
+    // A worker dies in the middle; its lease lapses, and the job is done by another.
+    std::thread::sleep(Duration::from_millis(200));
+    drop(first);
+    for (k, id) in ids.iter().enumerate() {
+        let job = [&two, &one][k % 2].wait(id);
+        assert_eq!(job["status"], "successful", "{job}");
+        let coefficients = |server: &Server, map: &str| server.get(&format!("/v1/maps/{map}/coefficients")).body;
+        if k < 3 {
+            let map = alone.map_of(&small(k as u64));
+            assert_eq!(
+                coefficients(&one, job["map_id"].as_str().unwrap()),
+                coefficients(&alone, &map),
+                "the same bytes"
+            );
+        }
+    }
+    let maps = one.get("/v1/maps?limit=100").json()["items"].as_array().unwrap().len();
+    assert_eq!(maps, ids.len());
+
+    // A robot waits at one server for what is published at the other.
+    let map = one.get(&format!("/v1/jobs/{}", ids[0])).json()["map_id"].as_str().unwrap().to_owned();
+    let put = |server: &Server| {
+        let body = json!({"map_id": map}).to_string();
+        server.send("PUT", "/v1/places/hall", &[("content-type", "application/json")], Some(body.as_bytes()))
+    };
+    let tag = put(&one).header("etag").to_owned();
+    std::thread::scope(|scope| {
+        let waits = scope.spawn(|| {
+            let answer = two.send("GET", "/v1/places/hall?wait=30", &[("if-none-match", &tag)], None);
+            (answer.json()["version"].as_i64(), Instant::now())
+        });
+        std::thread::sleep(Duration::from_millis(500));
+        put(&one);
+        let published = Instant::now();
+        let (version, heard) = waits.join().unwrap();
+        println!("heard at the other server after {:?}", heard.saturating_duration_since(published));
+        assert_eq!(version, Some(2));
+        assert!(heard.saturating_duration_since(published) < Duration::from_millis(500));
+    });
+    drop(second);
+    assert_eq!(two.get("/readyz").status, 200);
+    let totals: Value = two.get("/v1/usage").json();
+    assert_eq!((&totals["queued_jobs"]["used"], &totals["maps"]["used"]), (&json!(0), &json!(20)));
+}
+
+/// Without a notification it is half a second; with it, hardly more than the commit.
+#[test]
+fn a_worker_hears_of_a_job_at_once() {
+    let (data, url) = (tempfile::tempdir().unwrap(), database());
+    let server = Server::start_with(data.path(), 0, &["--database-url", &url]);
+    let _worker = Worker::start(data.path(), &url);
+    server.map_of(&small(1));
+    let mut waited: Vec<f64> = (0..9)
+        .map(|k| {
+            let id = server.submit(&small(k));
+            let job = server.wait(&id);
+            let at = |member: &str| job[member].as_str().unwrap()[17..23].parse::<f64>().unwrap();
+            (at("started") - at("created")).rem_euclid(60.0)
+        })
+        .collect();
+    waited.sort_by(f64::total_cmp);
+    println!("from submission to a worker: median {:.0} ms, longest {:.0} ms", 1e3 * waited[4], 1e3 * waited[8]);
+    assert!(waited[4] < 0.05, "{waited:?}");
+}

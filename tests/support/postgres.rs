@@ -1,0 +1,66 @@
+//! A PostgreSQL server of the tests' own: started once a test program, stopped when that ends, however it ends.
+
+use std::io::{BufRead, BufReader};
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Makes a cluster, serves it, and takes it away when its input closes: with the program that started it.
+const LIFE: &str = r#"
+set -e
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+"$1/initdb" --pgdata "$folder/data" --username mapfit --auth trust --no-sync --encoding UTF8 --locale C.UTF-8 >/dev/null
+"$1/postgres" -D "$folder/data" -c listen_addresses=127.0.0.1 -c port="$2" -c unix_socket_directories="$folder" \
+    -c max_connections=300 -c log_min_messages=fatal 2>"$folder/log" &
+server=$!
+until "$1/pg_isready" --quiet --host 127.0.0.1 --port "$2"; do kill -0 $server || { cat "$folder/log" >&2; exit 1; }; sleep 0.1; done
+echo ready
+read -r _ || true
+kill -INT $server
+wait $server || true
+"#;
+
+/// The folder of `initdb` and `postgres`. A machine without them fails the test.
+fn programs() -> PathBuf {
+    if let Some(folder) = std::env::var_os("MAPFIT_POSTGRES") {
+        return folder.into();
+    }
+    let versions =
+        std::fs::read_dir("/usr/lib/postgresql").map(|entries| entries.flatten().collect()).unwrap_or(vec![]);
+    let newest = versions.iter().map(|entry| entry.path().join("bin")).filter(|bin| bin.join("initdb").exists()).max();
+    newest.expect("there is no PostgreSQL server here: scripts/postgres installs one")
+}
+
+fn start() -> String {
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let programs = programs();
+    let is_root = Path::new("/proc/self").metadata().is_ok_and(|own| std::os::unix::fs::MetadataExt::uid(&own) == 0);
+    // PostgreSQL does not run as root.
+    let mut command = Command::new(if is_root { "runuser" } else { "bash" });
+    if is_root {
+        command.args(["-u", "postgres", "--", "bash"]);
+    }
+    command.args(["-c", LIFE, "postgres"]).arg(programs).arg(port.to_string()).current_dir("/");
+    let mut life = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    let mut line = String::new();
+    BufReader::new(life.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    assert_eq!(line, "ready\n", "PostgreSQL did not start");
+    // Its input stays open as long as this program runs.
+    std::mem::forget(life);
+    format!("postgres://mapfit@127.0.0.1:{port}")
+}
+
+/// The address of a new, empty database.
+pub async fn database() -> String {
+    use sqlx::{AssertSqlSafe, Connection, Executor};
+    static SERVER: OnceLock<String> = OnceLock::new();
+    static COUNT: AtomicUsize = AtomicUsize::new(0);
+    let server = SERVER.get_or_init(start);
+    let name = format!("test{}", COUNT.fetch_add(1, Ordering::Relaxed));
+    let mut connection = sqlx::PgConnection::connect(&format!("{server}/postgres")).await.unwrap();
+    connection.execute(AssertSqlSafe(format!("CREATE DATABASE {name}"))).await.unwrap();
+    format!("{server}/{name}")
+}
