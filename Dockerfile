@@ -1,5 +1,7 @@
-# mapfit in a container. Without API keys it listens on loopback only, so run it in the host's network:
-#   docker build -t mapfit . && docker run --network host -v mapfit:/var/lib/mapfit mapfit
+# mapfit in a container:
+#   docker build -t mapfit . && docker run --rm -v mapfit:/var/lib/mapfit mapfit keys create --scopes read,submit,admin
+#   docker run -p 8080:8080 -v mapfit:/var/lib/mapfit --read-only --tmpfs /tmp mapfit serve --listen 0.0.0.0:8080
+# Without API keys it listens on loopback only (docker run --network host).
 FROM rust:1.95-bookworm AS build
 WORKDIR /src
 COPY Cargo.toml Cargo.lock ./

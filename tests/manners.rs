@@ -44,6 +44,10 @@ fn only_loopback_names_and_pages_are_served() {
     }
     let rebound = "DELETE /v1/maps/01900000-0000-7000-8000-000000000000 HTTP/1.1\r\nHost: evil.example\r\n\r\n";
     assert!(raw(&server, rebound).starts_with("HTTP/1.1 403"));
+    let twice = "GET /v1/jobs HTTP/1.1\r\nHost: localhost\r\nHost: localhost\r\nConnection: close\r\n\r\n";
+    assert!(raw(&server, twice).starts_with("HTTP/1.1 400"));
+    let absolute = "GET http://evil.example/v1/jobs HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
+    assert!(raw(&server, absolute).starts_with("HTTP/1.1 403"), "the target wins over Host");
 }
 
 #[test]
@@ -174,6 +178,7 @@ fn texts_are_compressed_where_the_client_says_so_and_files_are_not() {
     let data = tempfile::tempdir().unwrap();
     let server = Server::start(data.path(), 1);
     let own = format!("/v1/maps/{}", server.map_of(&small(1)));
+    server.send("GET", "/v1/jobs", &[("accept-encoding", "identity;q=0")], None).problem(406);
     for (path, encoding) in
         [("coefficients", "zstd"), ("contours", "zstd"), ("coefficients?format=npz", ""), ("image", "")]
     {
@@ -192,9 +197,15 @@ fn what_a_crash_left_half_written_is_swept_and_an_ended_job_can_be_removed() {
     let left = data.path().join("artifacts/attempts/01900000-0000-7000-8000-000000000000/1");
     std::fs::create_dir_all(&left).unwrap();
     std::fs::write(left.join("map.npz#1"), b"half").unwrap();
+    let probes = data.path().join("artifacts/probes");
+    std::fs::create_dir_all(&probes).unwrap();
+    // No process has this id: the kernel's largest is 2^22.
+    std::fs::write(probes.join("9999999#1"), b"half").unwrap();
+    std::fs::create_dir_all(data.path().join("artifacts/attempts/empty")).unwrap();
     let server = Server::start(data.path(), 1);
     let begun = Instant::now();
-    while left.exists() {
+    let names = |folder: &std::path::Path| std::fs::read_dir(folder).unwrap().count();
+    while left.exists() || names(&probes) + names(&data.path().join("artifacts/attempts")) > 0 {
         assert!(begun.elapsed() < Duration::from_secs(10), "it is still there");
         std::thread::sleep(Duration::from_millis(50));
     }
@@ -204,6 +215,54 @@ fn what_a_crash_left_half_written_is_swept_and_an_ended_job_can_be_removed() {
     assert_eq!(server.delete(&format!("/v1/maps/{map}")).status, 204);
     assert_eq!(server.delete(&format!("/v1/jobs/{job}?purge=true")).status, 204);
     server.get(&format!("/v1/jobs/{job}")).problem(404);
+}
+
+/// A header of a hundred bytes that takes its reader for ever must not take an answer's turn with it.
+#[test]
+fn a_nested_npy_header_is_refused_at_once() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 1);
+    let path = format!("/v1/maps/{}/query", server.map_of(&small(1)));
+    let npy = |header: &str| {
+        let mut file = b"\x93NUMPY\x01\x00".to_vec();
+        file.extend(u16::try_from(header.len()).unwrap().to_le_bytes());
+        file.extend(header.as_bytes());
+        file
+    };
+    let began = Instant::now();
+    for header in
+        [format!("{}{}\n", "[".repeat(40), "]".repeat(40)), format!("{{'shape': ({},)}}\n", "9".repeat(60_000))]
+    {
+        let body = npy(&header);
+        server.send("POST", &path, &[("content-type", "application/x-npy")], Some(&body)).problem(422);
+    }
+    let mut plain = npy("{'descr': '<f8', 'fortran_order': False, 'shape': (1, 2), }\n");
+    plain.extend([1.0f64, 1.0].iter().flat_map(|value| value.to_le_bytes()));
+    let answer = server.send("POST", &path, &[("content-type", "application/x-npy")], Some(&plain));
+    assert_eq!(answer.json()["distance"].as_array().unwrap().len(), 1);
+    assert!(began.elapsed() < Duration::from_secs(5));
+}
+
+/// Twenty thousand scans of one beam, each of which may have crossed the whole lattice: no work that cannot be stopped.
+#[test]
+fn many_thin_scans_of_a_large_lattice_stop_when_they_are_told() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 1);
+    let pose = json!({"x": -1.0, "y": -1.0, "theta": std::f64::consts::FRAC_PI_4});
+    let scan = json!({"pose": pose, "angle_min": 0.0, "angle_increment": 1e-6, "range_min": 0.1, "range_max": 30.0, "ranges": [13.9]});
+    let mut job = small(1);
+    job["scans"] = vec![scan; 20_000].into();
+    job["map"] = json!({"distance": "vdf", "resolution": 0.02, "bounds": {"min": [0, 0], "max": [8.88, 8.88]}});
+    let id = server.submit(&job);
+    while server.get(&format!("/v1/jobs/{id}")).json()["status"] == "accepted" {
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(server.delete(&format!("/v1/jobs/{id}")).status, 200);
+    let began = Instant::now();
+    server.map_of(&small(2));
+    println!("the worker was free {:.1?} after the cancellation", began.elapsed());
+    assert!(began.elapsed() < Duration::from_secs(8));
 }
 
 #[test]

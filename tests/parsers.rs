@@ -58,8 +58,8 @@ fn accepted_is_whole(parsed: &Result<JobRequest, RequestError>) -> Result<(), Te
             prop_assert!(request.lattice.len() <= LIMITS.control_points && request.lattice.resolution > 0.0);
             prop_assert!(request.scans.len() <= LIMITS.scans);
             prop_assert!(request.scans.iter().all(|scan| scan.pose.x.is_finite() && scan.pose.theta.is_finite()));
-            let cost = request.cost();
-            prop_assert!(cost.bytes.is_finite() && cost.seconds.is_finite());
+            let most = request.most();
+            prop_assert!(most.bytes.is_finite() && most.seconds.is_finite());
         }
         Err(RequestError::Faults(faults)) => prop_assert!(!faults.is_empty()),
         Err(RequestError::Document(_)) => {}

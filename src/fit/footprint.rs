@@ -16,14 +16,20 @@ pub struct Footprint {
 }
 
 /// The footprint of a fit. Where poses are so uncertain that a vector fit reaches farther than its usual band, it uses
-/// more than this.
-pub fn footprint(scans: &[LaserScan], distance: Distance, lattice: &Lattice, options: &FitOptions) -> Footprint {
+/// more than this. `None` where `goes_on`, asked before every scan, does not hold any more.
+pub fn footprint(
+    scans: &[LaserScan],
+    distance: Distance,
+    lattice: &Lattice,
+    options: &FitOptions,
+    goes_on: &dyn Fn() -> bool,
+) -> Option<Footprint> {
     let usual = (distance == Distance::Vector).then_some(DEFAULT_BAND);
     let control_points = match options.band.or(usual) {
         None => lattice.len(),
         Some(band) => {
             let mut active = vec![false; lattice.len()];
-            let cells = Evidence::gather(lattice, scans).cells_within(lattice, band);
+            let cells = Evidence::gather_while(lattice, scans, &mut || goes_on())?.cells_within(lattice, band);
             for (k, _) in cells.iter().enumerate().filter(|(_, used)| **used) {
                 let cell = [k % lattice.cells[0], k / lattice.cells[0]];
                 lattice.support(cell).iter().for_each(|&point| active[point] = true);
@@ -31,5 +37,5 @@ pub fn footprint(scans: &[LaserScan], distance: Distance, lattice: &Lattice, opt
             active.into_iter().filter(|active| *active).count()
         }
     };
-    Footprint { control_points, scans: scans.len(), returns: returns_of(scans).len() }
+    Some(Footprint { control_points, scans: scans.len(), returns: returns_of(scans).len() })
 }

@@ -39,7 +39,7 @@ pub use surfels::{Surfel, Surfels, Witness};
 pub use system::{Factor, System};
 pub use viewpoint::{Viewpoint, pose_unknowns};
 
-use crate::scan::{LaserScan, Noise};
+use crate::scan::{Evidence, LaserScan, Noise};
 use crate::sparse::{SparseError, Stencil};
 use crate::spline::{Lattice, Surface};
 
@@ -115,6 +115,12 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
+    /// What the scans say about the lattice's area. Many scans of a large one take a while, and are told to stop, too.
+    fn evidence(&self, observer: Observer<'_>) -> Result<Evidence, FitError> {
+        let mut goes_on = || observer(&Progress::NONE).is_continue();
+        Evidence::gather_while(self.lattice, self.scans, &mut goes_on).ok_or(FitError::Cancelled)
+    }
+
     /// The coefficients of a component where the fit ended, with zero for control points that are not in use.
     fn ended(&self, component: usize) -> Option<Vec<f64>> {
         let own = self.end.as_ref()?.coefficients.get(component)?;

@@ -26,7 +26,7 @@ use super::vector::DEFAULT_BAND;
 use super::viewpoint::{Viewpoint, information, onto_one_to_two, returns_inside, viewpoints};
 use super::{FitError, Job, Observer, Progress, in_use};
 use crate::geometry::Vec2;
-use crate::scan::{Evidence, Return};
+use crate::scan::Return;
 use crate::sparse::{CellBlock, Cholesky, Pattern, SparseError, Stencil, StencilMatrix, Views};
 use crate::spline::{BasisRow, Lattice, SUPPORT, Surface, dot, gather};
 
@@ -51,7 +51,7 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
     weights.smoothing = options.smoothing.unwrap_or(SMOOTHING);
     weights.poses = Poses::Fixed;
     let viewpoints = viewpoints(scans, noise, weights.model_sigma)?;
-    let evidence = Evidence::gather(lattice, scans);
+    let evidence = job.evidence(observer)?;
     let band = options.band.unwrap_or(DEFAULT_BAND);
     let stencil = Stencil::of_cells(lattice, &evidence.cells_within(lattice, band));
     let mut cholesky = Cholesky::analyse(&Pattern::of_stencil(&stencil))?;

@@ -127,6 +127,6 @@ fn public(state: AppState, metrics_apart: bool) -> Router {
         .layer(CatchPanicLayer::custom(conventions::after_panic))
         .layer(from_fn_with_state(state, guard::loopback_only))
         .layer(from_fn(guard::secured))
-        .layer(from_fn(conventions::finish))
         .layer(CompressionLayer::new().quality(CompressionLevel::Fastest).compress_when(Texts))
+        .layer(from_fn(conventions::finish))
 }

@@ -74,21 +74,25 @@ impl JobRequest {
         survey.lattice(self.lattice.clone()).options(self.options)
     }
 
-    /// How large the fit is.
-    pub fn footprint(&self) -> Footprint {
-        fit::footprint(&self.scans, self.distance, &self.lattice, &self.options)
+    /// How large the fit is, and what the map will take; `None` where `goes_on` does not hold any more.
+    pub fn cost(&self, goes_on: &dyn Fn() -> bool) -> Option<(Footprint, Cost)> {
+        let footprint = fit::footprint(&self.scans, self.distance, &self.lattice, &self.options, goes_on)?;
+        Some((footprint, map::cost(self.distance, &footprint)))
     }
 
-    /// What the map will take.
-    pub fn cost(&self) -> Cost {
-        map::cost(self.distance, &self.footprint())
+    /// What the map takes at most: as if all of the lattice were in use, and every beam had a return.
+    pub fn most(&self) -> Cost {
+        let returns = self.scans.iter().map(|scan| scan.ranges.len()).sum();
+        let most = Footprint { control_points: self.lattice.len(), scans: self.scans.len(), returns };
+        map::cost(self.distance, &most)
     }
 
-    /// Whether the fit needs more memory than this; the exact size is found only where a bound on it does not tell.
-    pub fn outgrows(&self, bytes: u64) -> bool {
-        let values = self.scans.iter().map(|scan| scan.ranges.len()).sum();
-        let most = Footprint { control_points: self.lattice.len(), scans: self.scans.len(), returns: values };
-        map::cost(self.distance, &most).bytes > bytes as f64 && self.cost().bytes > bytes as f64
+    /// The memory that the fit needs, bytes, where that is more than so much; the exact size is found only where the
+    /// bound on it does not tell.
+    pub fn outgrows(&self, bytes: u64, goes_on: &dyn Fn() -> bool) -> Option<f64> {
+        let fits = self.most().bytes <= bytes as f64;
+        let need = if fits { None } else { self.cost(goes_on).map(|(_, cost)| cost.bytes) };
+        need.filter(|need| *need > bytes as f64)
     }
 
     /// Reads a change of name and labels: the name, where it is mentioned at all, and the labels, likewise.
@@ -376,8 +380,8 @@ impl Reader<'_> {
         let mut labels = BTreeMap::new();
         for (key, value) in members {
             let pointer = format!("{at}/{}", key.replace('~', "~0").replace('/', "~1"));
-            if key.is_empty() || key.len() > LONGEST_TEXT || key.contains(':') {
-                self.fault::<()>(&pointer, "a label's key has 1 to 256 bytes and no colon");
+            if key.is_empty() || key.len() > LONGEST_TEXT || key.contains([':', '\0']) {
+                self.fault::<()>(&pointer, "a label's key has 1 to 256 bytes, no colon and no U+0000");
             }
             if let Some(value) = self.text(value, &pointer) {
                 labels.insert(key.clone(), value);

@@ -46,14 +46,29 @@ pub struct Evidence {
 impl Evidence {
     /// What the scans say about the lattice's area.
     pub fn gather(lattice: &Lattice, scans: &[LaserScan]) -> Self {
-        let size = lattice.cells.map(|n| n * SUBCELLS);
-        let mut evidence = Self { size, marks: vec![0; size[0] * size[1]] };
-        for scan in scans {
-            let sweep = Sweep::of(scan, lattice.resolution);
-            evidence.mark_free(lattice, &sweep);
-            evidence.mark_surfaces(lattice, sweep.surfaces(LONGEST_JOIN * lattice.resolution));
-        }
+        let mut evidence = Self::nothing(lattice);
+        scans.iter().for_each(|scan| evidence.add(lattice, scan));
         evidence
+    }
+
+    /// The same while `goes_on` holds, which is asked before every scan; `None` where it does not any more.
+    pub fn gather_while(lattice: &Lattice, scans: &[LaserScan], goes_on: &mut dyn FnMut() -> bool) -> Option<Self> {
+        let mut evidence = Self::nothing(lattice);
+        for scan in scans {
+            goes_on().then(|| evidence.add(lattice, scan))?;
+        }
+        Some(evidence)
+    }
+
+    fn nothing(lattice: &Lattice) -> Self {
+        let size = lattice.cells.map(|n| n * SUBCELLS);
+        Self { size, marks: vec![0; size[0] * size[1]] }
+    }
+
+    fn add(&mut self, lattice: &Lattice, scan: &LaserScan) {
+        let sweep = Sweep::of(scan, lattice.resolution);
+        self.mark_free(lattice, &sweep);
+        self.mark_surfaces(lattice, sweep.surfaces(LONGEST_JOIN * lattice.resolution));
     }
 
     /// Evidence from its marks as [`Evidence::marks`] gave them; `None` where their number does not fit the lattice.

@@ -27,6 +27,7 @@ pub enum ArtifactsError {
 }
 
 const ROOT: &str = "attempts";
+const PROBES: &str = "probes";
 
 /// An object store of artifacts.
 #[derive(Clone)]
@@ -69,9 +70,14 @@ impl Artifacts {
             }
         }
         if let Some(folder) = &self.folder {
-            match tokio::fs::remove_dir_all(folder.join(prefix)).await {
+            let folder = folder.join(prefix);
+            match tokio::fs::remove_dir_all(&folder).await {
                 Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error.into()),
                 _ => {}
+            }
+            if let Some(job) = folder.parent() {
+                // The job's, where this was its only attempt; it fails where another is there.
+                let _ = tokio::fs::remove_dir(job).await;
             }
         }
         Ok(())
@@ -96,9 +102,27 @@ impl Artifacts {
         Ok(attempts)
     }
 
+    /// Removes folders of jobs without an attempt, and what probes of processes that died left. A folder that an attempt
+    /// is being written to is not empty, and one that is made anew meanwhile is made by the write itself.
+    async fn tidy(&self) -> Result<(), ArtifactsError> {
+        let Some(folder) = &self.folder else { return Ok(()) };
+        for job in names(&folder.join(ROOT)).await? {
+            // Fails where there is something in it.
+            let _ = tokio::fs::remove_dir(folder.join(ROOT).join(job)).await;
+        }
+        let own = std::process::id().to_string();
+        let lives = |name: &str| std::path::Path::new("/proc").join(name.split('#').next().unwrap_or(name)).exists();
+        for name in names(&folder.join(PROBES)).await? {
+            if name != own && !lives(&name) {
+                let _ = tokio::fs::remove_file(folder.join(PROBES).join(name)).await;
+            }
+        }
+        Ok(())
+    }
+
     /// Whether an artifact can be written: one of a few pages, and away again.
     pub async fn probe(&self) -> Result<(), ArtifactsError> {
-        let path = Path::from(format!("probes/{}", std::process::id()));
+        let path = Path::from(format!("{PROBES}/{}", std::process::id()));
         self.store.put(&path, PutPayload::from(vec![0; 1 << 16])).await?;
         Ok(self.store.delete(&path).await?)
     }
@@ -113,6 +137,7 @@ impl Artifacts {
                 swept += 1;
             }
         }
+        self.tidy().await?;
         Ok(swept)
     }
 }

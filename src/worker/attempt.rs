@@ -118,8 +118,9 @@ fn work(
     let request = JobRequest::parse(&json, &workshop.limits)?;
     drop(json);
     set_stage(progress, "waiting for memory", 0.0);
-    let need = request.cost().bytes as u64;
-    let held = workshop.memory.reserve(need, &|| !stop.load(Ordering::Relaxed)).ok_or(AttemptError::Stopped)?;
+    let goes_on = || !stop.load(Ordering::Relaxed);
+    let (_, cost) = request.cost(&goes_on).ok_or(AttemptError::Stopped)?;
+    let held = workshop.memory.reserve(cost.bytes as u64, &goes_on).ok_or(AttemptError::Stopped)?;
     set_stage(progress, "fitting", 0.0);
     let map = fit_request(&request, progress, stop)?;
     set_stage(progress, "storing", WHOLE.1);
@@ -235,6 +236,10 @@ async fn settle(workshop: &Workshop, claim: &Claim, error: &AttemptError) {
         // Draining hands the job back; where the lease is lost this writes nothing.
         AttemptError::Stopped => {
             workshop.metrics.attempt_ended("stopped");
+            // Before the job is handed back: its next attempt has the same number, and writes to the same place.
+            if let Err(error) = workshop.artifacts.remove(&Artifacts::prefix(id, attempt)).await {
+                tracing::warn!(job = %id, attempt, %error, "the attempt's artifacts could not be removed");
+            }
             records.release(id, attempt, &queued).await
         }
         error if error.may_pass() && attempt < MAX_ATTEMPTS => {
@@ -253,6 +258,9 @@ async fn settle(workshop: &Workshop, claim: &Claim, error: &AttemptError) {
     };
     if let Err(error) = outcome {
         tracing::error!(job = %id, attempt, %error, "the attempt's end could not be stored; its lease will lapse");
+    }
+    if matches!(error, AttemptError::Stopped) {
+        return;
     }
     let prefix = Artifacts::prefix(id, attempt);
     // A finish whose answer was lost may have been committed: only what nobody owns is removed, the rest is swept

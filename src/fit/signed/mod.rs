@@ -51,7 +51,7 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
     let scatter = scatter(&returns, &viewpoints);
     let weights = Weights::resolve(options, lattice.resolution, information(lattice, &returns, scatter));
     viewpoints.iter_mut().for_each(|own| own.noise.model_variance = weights.model_sigma.powi(2));
-    let mut evidence = Evidence::gather(lattice, scans);
+    let mut evidence = job.evidence(observer)?;
     let calibrated = options.weighting == Weighting::Calibrated;
     let observed = returns.len();
     let returns = match calibrated {

@@ -36,7 +36,7 @@ use super::system::Factor;
 use super::viewpoint::{Viewpoint, corrected, information, returns_inside, viewpoints};
 use super::{End, FitError, Job, Observer, Progress, gauge, in_use, why_not};
 use crate::geometry::Pose;
-use crate::scan::{Evidence, LaserScan, Noise, Return};
+use crate::scan::{LaserScan, Noise, Return};
 use crate::sparse::{Cholesky, Pattern, Stencil};
 use crate::spline::Lattice;
 
@@ -69,7 +69,7 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
     let mut returns = returns_inside(scans, lattice)?;
     let weights = vector_weights(options, lattice, information(lattice, &returns, noise.sigma_range));
     let viewpoints = viewpoints_of(scans, noise, &weights)?;
-    let mut evidence = Evidence::gather(lattice, scans);
+    let mut evidence = job.evidence(observer)?;
     let refined = weights.poses == Poses::Refined;
     let default_band = match refined {
         true => DEFAULT_BAND.max(BAND_SIGMAS * farthest_sigma(&viewpoints) / lattice.resolution).min(WIDEST_BAND),

@@ -26,14 +26,15 @@ struct CostEstimate {
 }
 
 impl DryRun {
-    pub fn of(request: &JobRequest) -> Self {
-        let (footprint, cost) = (request.footprint(), request.cost());
-        Self {
+    /// `None` where nobody waits for it any more.
+    pub fn of(request: &JobRequest, wanted: &dyn Fn() -> bool) -> Option<Self> {
+        let (footprint, cost) = request.cost(wanted)?;
+        Some(Self {
             lattice: LatticeBody::of(&request.lattice),
             control_points: footprint.control_points,
             scans: footprint.scans,
             returns: footprint.returns,
             estimate: CostEstimate { seconds: cost.seconds, bytes: cost.bytes as u64 },
-        }
+        })
     }
 }

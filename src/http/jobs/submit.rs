@@ -12,7 +12,7 @@ use utoipa::ToSchema;
 use super::dry_run::DryRun;
 use super::record::JobBody;
 use super::schema::JobRequestBody;
-use crate::http::shared::compute::{Leash, Queue};
+use crate::http::shared::compute::{Leash, Queue, too_slow};
 use crate::http::shared::negotiate::JSON;
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
@@ -60,12 +60,15 @@ pub async fn submit_job(
     let key = idempotency_key(&headers)?;
     if dry_run {
         let limits = state.workshop.limits;
-        let try_out = move |_: &Leash| Ok(DryRun::of(&parse(&received.unpack()?, &limits)?));
+        let try_out = move |leash: &Leash| {
+            DryRun::of(&parse(&received.unpack()?, &limits)?, &|| leash.holds()).ok_or_else(too_slow)
+        };
         return Ok(Json(state.compute.run(Queue::Requests, try_out).await?).into_response());
     }
     let (limits, quota, budget) = (state.workshop.limits, state.limits.quota, state.workshop.rules.memory);
-    let prepare = move |_: &Leash| prepare(&received.unpack()?, key, &limits, budget);
-    let new = state.compute.run(Queue::Requests, prepare).await?;
+    let queue = received.queue();
+    let prepare = move |leash: &Leash| prepare(&received.unpack()?, key, &limits, (budget, leash));
+    let new = state.compute.run(queue, prepare).await?;
     accept(&state, NewJob { tenant: caller.tenant.to_string(), quota: Some(quota), ..new }).await
 }
 
@@ -112,10 +115,15 @@ fn parse(json: &[u8], limits: &Limits) -> Result<JobRequest, Problem> {
     })
 }
 
-fn prepare(json: &[u8], key: Option<String>, limits: &Limits, budget: u64) -> Result<NewJob, Problem> {
+fn prepare(
+    json: &[u8],
+    key: Option<String>,
+    limits: &Limits,
+    (budget, leash): (u64, &Leash),
+) -> Result<NewJob, Problem> {
     let request = parse(json, limits)?;
-    if request.outgrows(budget) {
-        let need = request.cost().bytes / f64::from(1 << 20);
+    if let Some(bytes) = request.outgrows(budget, &|| leash.holds()) {
+        let need = bytes / f64::from(1 << 20);
         let detail = format!(
             "the fit needs about {need:.0} MiB of memory, and the service may use {} MiB (--memory); a coarser resolution or \
              smaller bounds need less",

@@ -26,8 +26,16 @@ pub async fn loopback_only(State(state): State<AppState>, request: Request, next
         Ok(false) => {}
         Err(problem) => return problem.into_response(),
     }
-    let named = request.headers().get(header::HOST).map(|host| host.to_str().unwrap_or_default().to_owned());
-    let host = named.or_else(|| request.uri().authority().map(|authority| authority.as_str().to_owned()));
+    let mut named = request.headers().get_all(header::HOST).iter();
+    let host = named.next().map(|host| host.to_str().unwrap_or_default().to_owned());
+    if named.next().is_some() {
+        // RFC 9112, 3.2.
+        let detail = "a request has one Host".into();
+        return Problem { detail, ..Problem::of_status(StatusCode::BAD_REQUEST) }.into_response();
+    }
+    // An absolute target wins over Host (RFC 9112, 3.2.2).
+    let target = request.uri().authority().map(|authority| authority.as_str().to_owned());
+    let host = target.or(host);
     if !host.as_deref().is_some_and(is_loopback) {
         return refused("Host does not name a loopback address of this machine");
     }

@@ -15,6 +15,7 @@ use http_body_util::BodyExt;
 
 use serde::de::DeserializeOwned;
 
+use super::compute::Queue;
 use super::negotiate::JSON;
 use super::problem::Problem;
 use super::ration::Share;
@@ -25,6 +26,8 @@ use crate::jobs::Fault;
 const PATIENCE: usize = 4;
 /// What every body may have without asking: no crowd of large ones keeps a small job or a question out.
 const SMALL: usize = 16 << 10;
+/// What is read in milliseconds.
+const SMALL_JOB: usize = 256 << 10;
 const PATIENCE_FOR: Duration = Duration::from_secs(20);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,6 +48,14 @@ pub struct Received {
 }
 
 impl Received {
+    /// Where it waits to be read: small ones never behind large ones, nor behind what may be large once it is unpacked.
+    pub fn queue(&self) -> Queue {
+        match self.encoding {
+            Encoding::Identity if self.raw.len() <= SMALL_JOB => Queue::Small,
+            _ => Queue::Requests,
+        }
+    }
+
     /// The bytes, decompressed. For the threads that compute: one body a permit is unpacked at a time.
     pub fn unpack(self) -> Result<Bytes, Problem> {
         let Self { raw, encoding, limit, .. } = self;

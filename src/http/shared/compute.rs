@@ -13,7 +13,9 @@ use super::problem::Problem;
 /// Which work waits for which: a submission never waits for a map's answers, nor a small answer for heavy ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Queue {
-    /// Requests being read: short.
+    /// Small requests being read: milliseconds.
+    Small,
+    /// Requests being read that are large, or may be once they are unpacked.
     Requests,
     /// Answers made from maps' arrays.
     Answers,
@@ -23,6 +25,7 @@ pub enum Queue {
 
 /// Bounds on how much is computed at once.
 pub struct Compute {
+    small: Arc<Semaphore>,
     requests: Arc<Semaphore>,
     answers: Arc<Semaphore>,
     heavy: Arc<Semaphore>,
@@ -57,7 +60,7 @@ impl Compute {
     pub fn new(patience: Duration) -> Self {
         let cores = std::thread::available_parallelism().map_or(2, |n| n.get());
         let permits = |count| Arc::new(Semaphore::new(count));
-        Self { requests: permits(cores), answers: permits(cores), heavy: permits(1), patience }
+        Self { small: permits(cores), requests: permits(cores), answers: permits(cores), heavy: permits(1), patience }
     }
 
     /// Runs work when its turn comes. It is told by a [`Leash`] whether to go on; past its time the answer is 503.
@@ -67,6 +70,7 @@ impl Compute {
         work: impl FnOnce(&Leash) -> Result<T, Problem> + Send + 'static,
     ) -> Result<T, Problem> {
         let permits = match queue {
+            Queue::Small => &self.small,
             Queue::Requests => &self.requests,
             Queue::Answers => &self.answers,
             Queue::Heavy => &self.heavy,

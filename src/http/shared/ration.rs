@@ -98,7 +98,7 @@ impl Taken {
     fn answer(self, pieces: Pieces, left: Option<u64>) -> Body {
         let seconds = (self.bytes / SLOWEST) as u64;
         let until = Instant::now() + TAKEN_WITHIN + Duration::from_secs(seconds);
-        Body::new(Answer { pieces: pieces, left, until, _share: self.share })
+        Body::new(Answer { pieces, left, until, _share: self.share })
     }
 }
 

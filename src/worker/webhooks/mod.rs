@@ -1,5 +1,5 @@
 //! Telling others: deliveries that the store has queued, signed and retried as Standard Webhooks 1.0 says
-//! (standardwebhooks.com), and never to an address that is not allowed ([`target`]).
+//! (standardwebhooks.com), and never to an address that is not allowed (`target`).
 //!
 //! At least once: a delivery is taken for a while, sent, and only then marked. A process that dies in between leaves it
 //! to the next; the `webhook-id` lets the receiver see it twice and act once.

@@ -12,6 +12,9 @@ const MOST_POINTS: usize = 250_000;
 /// What parsing a point may cost: its array, and its two numbers.
 const COST_OF_A_POINT: usize = 12;
 const MOST_FAULTS: usize = 100;
+/// numpy writes 118 bytes for an array of two dimensions: a dict, and a tuple in it.
+const LONGEST_HEADER: usize = 1024;
+const DEEPEST_HEADER: i32 = 2;
 
 /// A question about points.
 pub struct Question {
@@ -34,6 +37,9 @@ pub fn marks(names: &[&str]) -> Result<[bool; FIELDS.len()], String> {
 /// Points from a float64 array of shape (n, 2).
 pub fn points_of_npy(bytes: &[u8]) -> Result<Vec<Vec2>, Problem> {
     let bad = |detail: String| Problem::invalid(vec![Fault { pointer: String::new(), detail }]);
+    if !is_plain_header(bytes) {
+        return Err(bad("is not an npy file of a plain array".into()));
+    }
     let file = npyz::NpyFile::new(bytes).map_err(|error| bad(format!("is not an npy file: {error}")))?;
     let [count, 2] = file.shape()[..] else { return Err(bad("must have the shape (n, 2)".into())) };
     if count > MOST_POINTS as u64 {
@@ -50,6 +56,28 @@ pub fn points_of_npy(bytes: &[u8]) -> Result<Vec<Vec2>, Problem> {
         false => Vec2::new(flat[2 * k], flat[2 * k + 1]),
     };
     Ok((0..n).map(point).collect())
+}
+
+/// Whether an npy file's header is that of a plain array: `npyz` reads a header as a Python literal, in time that doubles
+/// with every bracket that is nested, and numbers of any length.
+fn is_plain_header(bytes: &[u8]) -> bool {
+    let length = |at: usize, size: usize| {
+        bytes.get(at..at + size).map(|own| own.iter().rev().fold(0, |sum, byte| (sum << 8) | usize::from(*byte)))
+    };
+    let (start, length) = match bytes.get(..8) {
+        Some([0x93, b'N', b'U', b'M', b'P', b'Y', 1, _]) => (10, length(8, 2)),
+        Some([0x93, b'N', b'U', b'M', b'P', b'Y', 2 | 3, _]) => (12, length(8, 4)),
+        _ => return false,
+    };
+    let Some(header) = length.filter(|length| *length <= LONGEST_HEADER).and_then(|n| bytes.get(start..start + n))
+    else {
+        return false;
+    };
+    let mut depth = 0i32;
+    header.iter().all(|byte| {
+        depth += i32::from(b"([{".contains(byte)) - i32::from(b")]}".contains(byte));
+        (0..=DEEPEST_HEADER).contains(&depth)
+    })
 }
 
 pub fn parse(json: &[u8]) -> Result<Question, Problem> {
