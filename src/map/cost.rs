@@ -27,9 +27,9 @@ struct Rates {
 
 const SMALL: f64 = 7000.0;
 const SIGNED: Rates = Rates {
-    linear: 1.2e-4,
-    steep: 1.6e-6,
-    a_return: 4e-6,
+    linear: 1.1e-4,
+    steep: 4.8e-6,
+    a_return: 4.6e-4,
     bytes: 10_500.0,
     bytes_a_doubling: 1_200.0,
     bytes_a_return: 400.0,

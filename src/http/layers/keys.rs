@@ -11,6 +11,7 @@ use crate::access;
 use crate::http::shared::AppState;
 use crate::http::shared::caller::{Caller, Scope};
 use crate::http::shared::problem::Problem;
+use crate::http::shared::rules::Rule;
 
 /// Lets in whoever has the key that the route needs.
 pub async fn let_in(State(state): State<AppState>, path: MatchedPath, mut request: Request, next: Next) -> Response {
@@ -28,24 +29,20 @@ pub async fn let_in(State(state): State<AppState>, path: MatchedPath, mut reques
 }
 
 /// The caller, and how many requests are left where they are counted.
-async fn admit(
-    state: &AppState,
-    headers: &HeaderMap,
-    rule: Option<Option<Scope>>,
-) -> Result<(Caller, Option<u32>), Problem> {
-    let scope = match rule {
-        Some(None) => return Ok((Caller::anybody(), None)),
-        Some(scope) => scope,
-        // A method that the route does not have: the router says so.
-        None => None,
-    };
+async fn admit(state: &AppState, headers: &HeaderMap, rule: Option<Rule>) -> Result<(Caller, Option<u32>), Problem> {
+    if rule == Some(Rule::Open) {
+        return Ok((Caller::anybody(), None));
+    }
     let (caller, counted_as) = match state.has_keys().await? {
         false => (Caller::anybody(), String::new()),
         true => authenticate(state, headers).await?,
     };
     let left = state.rates.count(&counted_as)?;
-    if let Some(scope) = scope {
-        caller.needs(scope)?;
+    match rule {
+        Some(Rule::Scope(scope)) => caller.needs(scope)?,
+        Some(Rule::Closed) => caller.needs_no_key()?,
+        // A method that the route does not have: the router says so.
+        _ => {}
     }
     Ok((caller, left))
 }

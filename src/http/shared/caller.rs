@@ -68,6 +68,17 @@ impl Caller {
             _ => Ok(()),
         }
     }
+
+    /// 403 where keys are asked for at all: of a route that says nothing of who may call it.
+    pub fn needs_no_key(&self) -> Result<(), Problem> {
+        match &self.scopes {
+            None => Ok(()),
+            Some(_) => {
+                let detail = "no key opens this";
+                Err(Problem::new(StatusCode::FORBIDDEN, "scope-missing", "The key may not do this", detail))
+            }
+        }
+    }
 }
 
 /// The layer that knows keys has put the caller into the request.
