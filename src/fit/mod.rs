@@ -117,7 +117,8 @@ struct Job<'a> {
 impl Job<'_> {
     /// What the scans say about the lattice's area. Many scans of a large one take a while, and are told to stop, too.
     fn evidence(&self, observer: Observer<'_>) -> Result<Evidence, FitError> {
-        let mut goes_on = || observer(&Progress::NONE).is_continue();
+        let progress = Progress { max_iterations: self.options.max_iterations, ..Progress::NONE };
+        let mut goes_on = || observer(&progress).is_continue();
         Evidence::gather_while(self.lattice, self.scans, &mut goes_on).ok_or(FitError::Cancelled)
     }
 

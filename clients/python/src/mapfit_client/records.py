@@ -72,9 +72,17 @@ class JobRecord(TypedDict):
     map_id: str | None
     problem: Problem | None
     links: dict[str, str]
-    parts: NotRequired[Any]
-    retry_of: NotRequired[str | None]
-    deadline_seconds: NotRequired[float | None]
+    retry_of: str | None
+    deadline: str | None
+    parts: "Parts | None"
+
+
+class Parts(TypedDict):
+    """How many parts a job has that is fitted in parts, and how far they are."""
+
+    total: int
+    done: int
+    running: int
 
 
 class LatticeRecord(TypedDict):
@@ -139,8 +147,8 @@ class MapRecord(TypedDict):
     lattice: LatticeRecord
     fit: FitRecord
     links: dict[str, str]
-    parent: NotRequired[str | None]
-    version: NotRequired[int]
+    parent: str | None
+    version: int
 
 
 class PlaceRecord(TypedDict):

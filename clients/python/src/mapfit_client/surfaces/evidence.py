@@ -34,8 +34,8 @@ class Evidence:
         with np.errstate(invalid="ignore"):
             edge = np.min([points[:, 0] - x, far_x - points[:, 0], points[:, 1] - y, far_y - points[:, 1]], axis=0)
         nearest = edge
-        if self._border is not None and len(points):
-            inside = np.flatnonzero(at.inside)
+        inside = np.flatnonzero(at.inside)
+        if self._border is not None and len(inside):
             nearest = edge.copy()
             nearest[inside] = np.minimum(edge[inside], self._to_border(points[inside]))
         return np.where(at.inside, np.where(self.at(at), nearest, 0.0), np.nan)
