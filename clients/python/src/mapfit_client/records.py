@@ -4,7 +4,7 @@ The names are those of the service's OpenAPI document; a test holds every one of
 contract names and that not every version of the service has are `NotRequired`.
 """
 
-from typing import Any, Literal, NotRequired, TypedDict
+from typing import Literal, NotRequired, TypedDict
 
 Kind = Literal["propagated", "posterior"]
 """Which covariance: the input noise carried to the map, or the inverse Hessian."""
