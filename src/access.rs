@@ -17,7 +17,7 @@ pub fn new_key(tenant: &str, name: Option<&str>, scopes: &[&str]) -> Result<(Str
     let (mut id, mut secret) = ([0; 8], [0; 32]);
     getrandom::fill(&mut id)?;
     getrandom::fill(&mut secret)?;
-    let id: String = id.iter().map(|byte| format!("{byte:02x}")).collect();
+    let id = hex::encode(id);
     let key = format!("{PREFIX}_{id}_{}", URL_SAFE_NO_PAD.encode(secret));
     let scopes = scopes.iter().map(|scope| (*scope).to_owned()).collect();
     let sha256 = Sha256::digest(&key).into();

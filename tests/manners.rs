@@ -199,8 +199,9 @@ fn what_a_crash_left_half_written_is_swept_and_an_ended_job_can_be_removed() {
     std::fs::write(left.join("map.npz#1"), b"half").unwrap();
     let probes = data.path().join("artifacts/probes");
     std::fs::create_dir_all(&probes).unwrap();
-    // No process has this id: the kernel's largest is 2^22.
-    std::fs::write(probes.join("9999999#1"), b"half").unwrap();
+    // Of a process that died an hour ago, on whatever machine.
+    let probe = std::fs::File::create(probes.join("01900000-0000-7000-8000-000000000000#1")).unwrap();
+    probe.set_modified(std::time::SystemTime::now() - Duration::from_secs(3600)).unwrap();
     std::fs::create_dir_all(data.path().join("artifacts/attempts/empty")).unwrap();
     let server = Server::start(data.path(), 1);
     let begun = Instant::now();
@@ -215,6 +216,24 @@ fn what_a_crash_left_half_written_is_swept_and_an_ended_job_can_be_removed() {
     assert_eq!(server.delete(&format!("/v1/maps/{map}")).status, 204);
     assert_eq!(server.delete(&format!("/v1/jobs/{job}?purge=true")).status, 204);
     server.get(&format!("/v1/jobs/{job}")).problem(404);
+}
+
+/// What has no business being large is refused as such, packed or not.
+#[test]
+fn a_webhook_or_a_label_is_no_place_for_megabytes() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 0);
+    let long = json!({"labels": {"a": "x".repeat(1 << 20)}}).to_string();
+    let packed = zstd::encode_all(long.as_bytes(), 3).unwrap();
+    assert!(packed.len() < 1000);
+    for (method, path) in
+        [("PATCH", "/v1/jobs/x"), ("PATCH", "/v1/maps/x"), ("POST", "/v1/webhooks"), ("PUT", "/v1/places/x")]
+    {
+        let plain = [("content-type", "application/json")];
+        server.send(method, path, &plain, Some(long.as_bytes())).problem(413);
+        let encoded = [("content-type", "application/json"), ("content-encoding", "zstd")];
+        server.send(method, path, &encoded, Some(&packed)).problem(413);
+    }
 }
 
 /// A header of a hundred bytes that takes its reader for ever must not take an answer's turn with it.

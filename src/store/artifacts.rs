@@ -6,6 +6,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path as FilePath, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use bytes::Bytes;
 use futures::TryStreamExt;
@@ -13,6 +14,7 @@ use object_store::local::LocalFileSystem;
 use object_store::path::Path;
 use object_store::{ObjectStore, ObjectStoreExt, PutPayload};
 use thiserror::Error;
+use uuid::Uuid;
 
 use super::{Records, StoreError};
 
@@ -28,6 +30,8 @@ pub enum ArtifactsError {
 
 const ROOT: &str = "attempts";
 const PROBES: &str = "probes";
+/// No probe takes this long.
+const PROBED: Duration = Duration::from_secs(600);
 
 /// An object store of artifacts.
 #[derive(Clone)]
@@ -102,7 +106,7 @@ impl Artifacts {
         Ok(attempts)
     }
 
-    /// Removes folders of jobs without an attempt, and what probes of processes that died left. A folder that an attempt
+    /// Removes folders of jobs without an attempt, and what probes left whose process died. A folder that an attempt
     /// is being written to is not empty, and one that is made anew meanwhile is made by the write itself.
     async fn tidy(&self) -> Result<(), ArtifactsError> {
         let Some(folder) = &self.folder else { return Ok(()) };
@@ -110,11 +114,12 @@ impl Artifacts {
             // Fails where there is something in it.
             let _ = tokio::fs::remove_dir(folder.join(ROOT).join(job)).await;
         }
-        let own = std::process::id().to_string();
-        let lives = |name: &str| std::path::Path::new("/proc").join(name.split('#').next().unwrap_or(name)).exists();
         for name in names(&folder.join(PROBES)).await? {
-            if name != own && !lives(&name) {
-                let _ = tokio::fs::remove_file(folder.join(PROBES).join(name)).await;
+            let probe = folder.join(PROBES).join(name);
+            // One that ended is gone by itself meanwhile.
+            let modified = tokio::fs::metadata(&probe).await.and_then(|own| own.modified());
+            if modified.is_ok_and(|at| at.elapsed().is_ok_and(|age| age > PROBED)) {
+                let _ = tokio::fs::remove_file(probe).await;
             }
         }
         Ok(())
@@ -122,7 +127,8 @@ impl Artifacts {
 
     /// Whether an artifact can be written: one of a few pages, and away again.
     pub async fn probe(&self) -> Result<(), ArtifactsError> {
-        let path = Path::from(format!("{PROBES}/{}", std::process::id()));
+        // A name of its own: processes of other machines, or in other containers, probe the same folder.
+        let path = Path::from(format!("{PROBES}/{}", Uuid::now_v7()));
         self.store.put(&path, PutPayload::from(vec![0; 1 << 16])).await?;
         Ok(self.store.delete(&path).await?)
     }

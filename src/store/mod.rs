@@ -20,6 +20,7 @@ mod keys;
 mod leases;
 mod places;
 mod postgres;
+mod rows;
 mod shelf;
 mod sqlite;
 mod webhooks;

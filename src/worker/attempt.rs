@@ -11,6 +11,7 @@ use tokio::runtime::Handle;
 use uuid::Uuid;
 
 use super::Workshop;
+use super::clock::Clock;
 use crate::fit::FitError;
 use crate::jobs::lifecycle::{MAX_ATTEMPTS, backoff, runs_again};
 use crate::jobs::{JobRequest, MapRecord, ProblemReport, Progress, RequestError};
@@ -83,10 +84,11 @@ pub(super) fn run(workshop: &Arc<Workshop>, runtime: &Handle, claim: Claim) {
     let (id, attempt) = (claim.job.id.clone(), claim.job.attempt);
     let stop = workshop.enter(&id);
     let progress = Arc::new(Mutex::new(Progress { stage: "preparing".into(), ..claim.job.progress.clone() }));
-    let heart = runtime.spawn(keep_lease(workshop.clone(), id.clone(), attempt, progress.clone(), stop.clone()));
+    let clock = Arc::new(Clock::new(workshop.rules.attempt_within));
+    let watched = (progress.clone(), clock.clone());
+    let heart = runtime.spawn(keep_lease(workshop.clone(), id.clone(), attempt, watched, stop.clone()));
     // A panic in the numerics costs this attempt, not the solver thread.
-    let work = std::panic::AssertUnwindSafe(|| work(workshop, runtime, &claim, &progress, &stop));
-    let began = Instant::now();
+    let work = std::panic::AssertUnwindSafe(|| work(workshop, runtime, &claim, (&progress, &clock), &stop));
     let mut outcome = std::panic::catch_unwind(work).unwrap_or_else(|panic| {
         let text = panic.downcast_ref::<String>().cloned();
         let text = text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
@@ -94,9 +96,8 @@ pub(super) fn run(workshop: &Arc<Workshop>, runtime: &Handle, claim: Claim) {
     });
     heart.abort();
     workshop.leave(&id);
-    let within = workshop.rules.attempt_within;
-    if matches!(outcome, Err(AttemptError::Stopped)) && began.elapsed() >= within {
-        outcome = Err(AttemptError::TooLong(within));
+    if matches!(outcome, Err(AttemptError::Stopped)) && clock.is_up() {
+        outcome = Err(AttemptError::TooLong(workshop.rules.attempt_within));
     }
     match outcome {
         Ok(()) => {
@@ -111,7 +112,7 @@ fn work(
     workshop: &Workshop,
     runtime: &Handle,
     claim: &Claim,
-    progress: &Mutex<Progress>,
+    (progress, clock): (&Mutex<Progress>, &Clock),
     stop: &AtomicBool,
 ) -> Result<(), AttemptError> {
     let json = zstd::decode_all(&claim.request[..]).map_err(AttemptError::Unpack)?;
@@ -120,14 +121,14 @@ fn work(
     set_stage(progress, "waiting for memory", 0.0);
     let goes_on = || !stop.load(Ordering::Relaxed);
     let (_, cost) = request.cost(&goes_on).ok_or(AttemptError::Stopped)?;
-    let held = workshop.memory.reserve(cost.bytes as u64, &goes_on).ok_or(AttemptError::Stopped)?;
+    let held = clock.without(|| workshop.memory.reserve(cost.bytes as u64, &goes_on)).ok_or(AttemptError::Stopped)?;
     set_stage(progress, "fitting", 0.0);
     let map = fit_request(&request, progress, stop)?;
     set_stage(progress, "storing", WHOLE.1);
     let fitted = Instant::now();
     let prefix = Artifacts::prefix(&claim.job.id, claim.job.attempt);
     let bytes = map.to_npz()?;
-    let (length, sha256) = (bytes.len() as i64, hexadecimal(&Sha256::digest(&bytes)));
+    let (length, sha256) = (bytes.len() as i64, hex::encode(Sha256::digest(&bytes)));
     if stop.load(Ordering::Relaxed) {
         return Err(AttemptError::Stopped);
     }
@@ -157,10 +158,6 @@ fn work(
         }
         false => Err(AttemptError::Stopped),
     }
-}
-
-fn hexadecimal(digest: &[u8]) -> String {
-    digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// The fit and its covariance. `progress` is kept up to date; `stop` ends the work within a step.
@@ -202,15 +199,14 @@ async fn keep_lease(
     workshop: Arc<Workshop>,
     id: String,
     attempt: i64,
-    progress: Arc<Mutex<Progress>>,
+    (progress, clock): (Arc<Mutex<Progress>>, Arc<Clock>),
     stop: Arc<AtomicBool>,
 ) {
     let lease = workshop.rules.lease;
     let mut beat = tokio::time::interval(HEARTBEAT.min(lease / 3));
-    let time_is_up = Instant::now() + workshop.rules.attempt_within;
     loop {
         beat.tick().await;
-        if Instant::now() >= time_is_up {
+        if clock.is_up() {
             stop.store(true, Ordering::Relaxed);
         }
         let now = progress.lock().unwrap_or_else(PoisonError::into_inner).clone();

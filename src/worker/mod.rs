@@ -7,6 +7,7 @@
 //! infrastructure's errors retry, with backoff.
 
 mod attempt;
+mod clock;
 mod memory;
 mod metrics;
 mod rules;

@@ -63,7 +63,7 @@ pub async fn submit_job(
         let try_out = move |leash: &Leash| {
             DryRun::of(&parse(&received.unpack()?, &limits)?, &|| leash.holds()).ok_or_else(too_slow)
         };
-        return Ok(Json(state.compute.run(Queue::Requests, try_out).await?).into_response());
+        return Ok(Json(state.compute.run(Queue::Answers, try_out).await?).into_response());
     }
     let (limits, quota, budget) = (state.workshop.limits, state.limits.quota, state.workshop.rules.memory);
     let queue = received.queue();
@@ -131,7 +131,7 @@ fn prepare(
         );
         return Err(Problem::invalid(vec![Fault { pointer: "/map/resolution".into(), detail }]));
     }
-    let body: String = Sha256::digest(json).iter().map(|byte| format!("{byte:02x}")).collect();
+    let body = hex::encode(Sha256::digest(json));
     let compressed = zstd::encode_all(json, 1).map_err(|error| Problem::internal(&error))?;
     Ok(NewJob {
         tenant: String::new(),

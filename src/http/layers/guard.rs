@@ -20,13 +20,6 @@ use crate::http::shared::problem::Problem;
 
 /// Refuses what does not come from this machine, by the names it uses.
 pub async fn loopback_only(State(state): State<AppState>, request: Request, next: Next) -> Response {
-    match state.has_keys().await {
-        // A key is what a lured page does not have.
-        Ok(true) => return next.run(request).await,
-        Ok(false) => {}
-        // Below `/v1` nobody comes in then; the process still says that it lives.
-        Err(_) => return next.run(request).await,
-    }
     let mut named = request.headers().get_all(header::HOST).iter();
     let host = named.next().map(|host| host.to_str().unwrap_or_default().to_owned());
     if named.next().is_some() {
@@ -37,15 +30,20 @@ pub async fn loopback_only(State(state): State<AppState>, request: Request, next
     // An absolute target wins over Host (RFC 9112, 3.2.2).
     let target = request.uri().authority().map(|authority| authority.as_str().to_owned());
     let host = target.or(host);
-    if !host.as_deref().is_some_and(is_loopback) {
-        return refused("Host does not name a loopback address of this machine");
-    }
+    let local = host.as_deref().is_some_and(is_loopback);
     let origin = request.headers().get(header::ORIGIN).map(|origin| origin.to_str().unwrap_or_default());
     let foreign = origin.is_some_and(|origin| !origin.split_once("://").is_some_and(|(_, host)| is_loopback(host)));
-    if foreign {
-        return refused("the page that asks (Origin) is not of this machine");
+    // Only who is not of this machine makes the store be asked: health is told while the database is away.
+    let refusal = match (local, foreign) {
+        (true, false) => return next.run(request).await,
+        (false, _) => "Host does not name a loopback address of this machine",
+        (true, true) => "the page that asks (Origin) is not of this machine",
+    };
+    match state.has_keys().await {
+        Ok(false) => refused(refusal),
+        // A key is what a lured page does not have. Where that cannot be told, nobody comes in below `/v1` either.
+        Ok(true) | Err(_) => next.run(request).await,
     }
-    next.run(request).await
 }
 
 fn refused(detail: &str) -> Response {

@@ -26,6 +26,8 @@ use crate::jobs::Fault;
 const PATIENCE: usize = 4;
 /// What every body may have without asking: no crowd of large ones keeps a small job or a question out.
 const SMALL: usize = 16 << 10;
+/// What a publication, a webhook or a change of labels may have: all labels there may be, twice over.
+const FEW: usize = 128 << 10;
 /// What is read in milliseconds.
 const SMALL_JOB: usize = 256 << 10;
 const PATIENCE_FOR: Duration = Duration::from_secs(20);
@@ -72,10 +74,24 @@ impl Service {
     pub async fn read_body(
         &self,
         headers: &HeaderMap,
+        body: Body,
+        known: &[&'static str],
+    ) -> Result<Received, Problem> {
+        self.read_within(self.limits.body, headers, body, known).await
+    }
+
+    /// The bytes of a body that is small, packed or not: so small that whoever receives it may read it, too.
+    pub async fn read_few(&self, headers: &HeaderMap, body: Body, known: &[&'static str]) -> Result<Bytes, Problem> {
+        self.read_within(FEW.min(self.limits.body), headers, body, known).await?.unpack()
+    }
+
+    async fn read_within(
+        &self,
+        limit: usize,
+        headers: &HeaderMap,
         mut body: Body,
         known: &[&'static str],
     ) -> Result<Received, Problem> {
-        let limit = self.limits.body;
         let length = if announced(headers) > limit as u64 { Err(too_large(limit)) } else { Ok(()) };
         let checked = length.and_then(|()| Ok((media_type(headers, known)?, encoding(headers)?)));
         let (media, encoding) = checked.inspect_err(|_| self.discard(std::mem::take(&mut body)))?;
@@ -95,7 +111,7 @@ impl Service {
 impl Service {
     /// A small JSON body that serde can read: one fault is what there can be of it.
     pub async fn read_small<T: DeserializeOwned>(&self, headers: &HeaderMap, body: Body) -> Result<T, Problem> {
-        let bytes = self.read_body(headers, body, &[JSON.media]).await?.unpack()?;
+        let bytes = self.read_few(headers, body, &[JSON.media]).await?;
         // Deep nesting is refused by serde_json itself, which reads no deeper than 128 levels.
         serde_json::from_slice::<serde_json::Value>(&bytes).map_err(|error| Problem {
             slug: "malformed-json",

@@ -16,26 +16,28 @@ pub struct Page<T: ToSchema> {
 
 impl<T: ToSchema> Page<T> {
     /// A page from one row more than it shows, which tells whether another follows. `id` is what a cursor names.
-    pub fn of<S>(mut rows: Vec<S>, limit: i64, id: impl Fn(&S) -> &str) -> Self
+    pub fn of<S>(rows: Vec<S>, limit: i64, id: impl Fn(&S) -> &str) -> Self
     where
         T: From<S>,
     {
-        let more = rows.len() as i64 > limit;
-        rows.truncate(limit as usize);
-        let next_cursor = rows.last().filter(|_| more).map(|last| to_cursor(id(last)));
-        Self { items: rows.into_iter().map(T::from).collect(), next_cursor }
+        Self::cut(rows, limit, |row| to_cursor(id(row)))
     }
-}
 
-impl<T: ToSchema> Page<T> {
     /// The same of rows that a number orders.
-    pub fn numbered<S>(mut rows: Vec<S>, limit: i64, number: impl Fn(&S) -> i64) -> Self
+    pub fn numbered<S>(rows: Vec<S>, limit: i64, number: impl Fn(&S) -> i64) -> Self
+    where
+        T: From<S>,
+    {
+        Self::cut(rows, limit, |row| to_cursor(&number(row).to_string()))
+    }
+
+    fn cut<S>(mut rows: Vec<S>, limit: i64, cursor: impl Fn(&S) -> String) -> Self
     where
         T: From<S>,
     {
         let more = rows.len() as i64 > limit;
         rows.truncate(limit as usize);
-        let next_cursor = rows.last().filter(|_| more).map(|last| to_cursor(&number(last).to_string()));
+        let next_cursor = rows.last().filter(|_| more).map(cursor);
         Self { items: rows.into_iter().map(T::from).collect(), next_cursor }
     }
 }

@@ -28,8 +28,8 @@ pub struct RelabelBody {
 
 /// Reads a change from a body.
 pub async fn relabelling(state: &AppState, headers: &HeaderMap, body: Body) -> Result<Relabelling, Problem> {
-    let received = state.read_body(headers, body, &[JSON.media, "application/merge-patch+json"]).await?;
-    let (name, labels) = JobRequest::parse_labels(&received.unpack()?).map_err(|error| match error {
+    let json = state.read_few(headers, body, &[JSON.media, "application/merge-patch+json"]).await?;
+    let (name, labels) = JobRequest::parse_labels(&json).map_err(|error| match error {
         RequestError::Document(error) => error.into(),
         RequestError::Faults(faults) => Problem::invalid(faults),
     })?;

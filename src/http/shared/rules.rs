@@ -39,11 +39,11 @@ impl Rules {
         Self(rules)
     }
 
-    /// `None` where the route has no such method.
-    pub fn of_route(&self, method: &Method, path: &str) -> Option<Rule> {
+    /// What a route needs; closed where the document does not know it.
+    pub fn of_route(&self, method: &Method, path: &str) -> Rule {
         // HEAD is GET without a body.
         let method = if method == Method::HEAD { &Method::GET } else { method };
-        self.0.get(&(method.clone(), path.to_owned())).copied()
+        self.0.get(&(method.clone(), path.to_owned())).copied().unwrap_or(Rule::Closed)
     }
 }
 
@@ -57,10 +57,10 @@ mod tests {
         let document =
             format!(r#"{{"paths": {{"/v1/a": {{"get": {read}, "post": {{}}}}, "/livez": {{"get": {{}}}}}}}}"#);
         let rules = Rules::of(&document);
-        assert_eq!(rules.of_route(&Method::GET, "/v1/a"), Some(Rule::Scope(Scope::Read)));
-        assert_eq!(rules.of_route(&Method::HEAD, "/v1/a"), Some(Rule::Scope(Scope::Read)));
-        assert_eq!(rules.of_route(&Method::POST, "/v1/a"), Some(Rule::Closed));
-        assert_eq!(rules.of_route(&Method::GET, "/livez"), Some(Rule::Open));
-        assert_eq!(rules.of_route(&Method::PUT, "/v1/a"), None);
+        assert_eq!(rules.of_route(&Method::GET, "/v1/a"), Rule::Scope(Scope::Read));
+        assert_eq!(rules.of_route(&Method::HEAD, "/v1/a"), Rule::Scope(Scope::Read));
+        assert_eq!(rules.of_route(&Method::POST, "/v1/a"), Rule::Closed);
+        assert_eq!(rules.of_route(&Method::GET, "/livez"), Rule::Open);
+        assert_eq!(rules.of_route(&Method::PUT, "/v1/a"), Rule::Closed);
     }
 }

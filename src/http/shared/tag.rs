@@ -18,8 +18,7 @@ impl Tag {
             digest.update(part.as_bytes());
             digest.update([0]);
         }
-        let hex: String = digest.finalize()[..16].iter().map(|byte| format!("{byte:02x}")).collect();
-        Self(format!("\"{hex}\""))
+        Self(format!("\"{}\"", hex::encode(&digest.finalize()[..16])))
     }
 
     /// 304 where the client has this representation.

@@ -3,15 +3,17 @@
 use std::time::Duration;
 
 use async_trait::async_trait;
+use sqlx::AssertSqlSafe;
 use uuid::Uuid;
 
-use super::{SqliteStore, now, rows};
+use super::rows::{self, DELIVERY, WEBHOOK};
+use super::{SqliteStore, now};
 use crate::store::{Delivered, Delivery, DueDelivery, NewWebhook, StoreError, Webhook, Webhooks};
 
 const INSERT: &str = concat!(
     "INSERT INTO webhooks (id, tenant, url, events, secret, created) VALUES (?, ?, ?, ?, ?, ",
     now!(),
-    ") RETURNING *"
+    ") RETURNING "
 );
 const TAKE: &str = concat!(
     "UPDATE deliveries SET attempts = attempts + 1, last_attempt = ",
@@ -28,13 +30,16 @@ const SETTLE: &str = concat!(
     now!(),
     " + ?, error = ? WHERE id = ? AND attempts = ? AND status = 'pending'"
 );
-const DELIVERIES: &str = "SELECT * FROM deliveries WHERE webhook_id = ? AND serial < ? ORDER BY serial DESC LIMIT ?";
+const DELIVERIES: &str = " FROM deliveries WHERE webhook_id = ? AND serial < ? ORDER BY serial DESC LIMIT ?";
 
 #[async_trait]
 impl Webhooks for SqliteStore {
     async fn add_webhook(&self, hook: &NewWebhook) -> Result<Webhook, StoreError> {
         let mut tx = self.begin().await?;
-        let insert = sqlx::query(INSERT).bind(Uuid::now_v7().to_string()).bind(&hook.tenant).bind(&hook.url);
+        let insert = sqlx::query(AssertSqlSafe(format!("{INSERT}{WEBHOOK}")))
+            .bind(Uuid::now_v7().to_string())
+            .bind(&hook.tenant)
+            .bind(&hook.url);
         let insert = insert.bind(serde_json::to_string(&hook.events)?).bind(&hook.secret);
         let rows = insert.fetch_all(&mut *tx).await?;
         tx.commit().await?;
@@ -42,13 +47,14 @@ impl Webhooks for SqliteStore {
     }
 
     async fn webhook(&self, tenant: &str, id: &str) -> Result<Option<Webhook>, StoreError> {
-        let query = sqlx::query("SELECT * FROM webhooks WHERE id = ? AND tenant = ?").bind(id).bind(tenant);
+        let query = format!("SELECT {WEBHOOK} FROM webhooks WHERE id = ? AND tenant = ?");
+        let query = sqlx::query(AssertSqlSafe(query)).bind(id).bind(tenant);
         query.fetch_optional(&self.readers).await?.as_ref().map(rows::webhook).transpose()
     }
 
     async fn webhooks(&self, tenant: &str, before: Option<&str>, limit: i64) -> Result<Vec<Webhook>, StoreError> {
-        let query = "SELECT * FROM webhooks WHERE tenant = ? AND id < ? ORDER BY id DESC LIMIT ?";
-        let query = sqlx::query(query).bind(tenant).bind(before.unwrap_or("~")).bind(limit);
+        let query = format!("SELECT {WEBHOOK} FROM webhooks WHERE tenant = ? AND id < ? ORDER BY id DESC LIMIT ?");
+        let query = sqlx::query(AssertSqlSafe(query)).bind(tenant).bind(before.unwrap_or("~")).bind(limit);
         query.fetch_all(&self.readers).await?.iter().map(rows::webhook).collect()
     }
 
@@ -61,7 +67,10 @@ impl Webhooks for SqliteStore {
     }
 
     async fn deliveries(&self, webhook_id: &str, before: Option<i64>, limit: i64) -> Result<Vec<Delivery>, StoreError> {
-        let query = sqlx::query(DELIVERIES).bind(webhook_id).bind(before.unwrap_or(i64::MAX)).bind(limit);
+        let query = sqlx::query(AssertSqlSafe(format!("SELECT {DELIVERY}{DELIVERIES}")))
+            .bind(webhook_id)
+            .bind(before.unwrap_or(i64::MAX))
+            .bind(limit);
         query.fetch_all(&self.readers).await?.iter().map(rows::delivery).collect()
     }
 

@@ -1,0 +1,111 @@
+//! Webhooks: signed, retried, listed, and not lost with the server.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpListener;
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use serde_json::{Value, json};
+
+use crate::put;
+use crate::support::{Server, long, small};
+
+/// A receiver that keeps what it was sent, and answers with the statuses it is given, the last for ever.
+fn receiver(statuses: &'static [u16]) -> (String, mpsc::Receiver<(String, String)>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = format!("http://{}/hook", listener.local_addr().unwrap());
+    let (tell, told) = mpsc::channel();
+    std::thread::spawn(move || {
+        for (k, stream) in listener.incoming().enumerate() {
+            let mut stream = stream.unwrap();
+            let mut reader = BufReader::new(stream.try_clone().unwrap());
+            let (mut head, mut length) = (String::new(), 0);
+            while !head.ends_with("\r\n\r\n") && reader.read_line(&mut head).unwrap() > 0 {}
+            for line in head.to_lowercase().lines() {
+                length = line.strip_prefix("content-length: ").map_or(length, |text| text.parse().unwrap());
+            }
+            let mut body = vec![0; length];
+            reader.read_exact(&mut body).unwrap();
+            let status = statuses[k.min(statuses.len() - 1)];
+            write!(stream, "HTTP/1.1 {status} X\r\ncontent-length: 0\r\nlocation: http://127.0.0.1:1/\r\n\r\n")
+                .unwrap();
+            if tell.send((head, String::from_utf8(body).unwrap())).is_err() {
+                return;
+            }
+        }
+    });
+    (address, told)
+}
+
+fn header<'a>(head: &'a str, name: &str) -> &'a str {
+    let lines = head.lines().filter_map(|line| line.split_once(": "));
+    lines.filter(|(key, _)| key.eq_ignore_ascii_case(name)).map(|(_, value)| value).next().unwrap()
+}
+
+#[test]
+fn webhooks_are_signed_retried_and_listed() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start_with(data.path(), 1, &["--webhook-allow", "127.0.0.1/32"]);
+    let (address, told) = receiver(&[500, 200]);
+    let secret = format!("whsec_{}", STANDARD.encode([7; 32]));
+    let hook = json!({"url": address, "events": ["job.successful", "place.published"], "secret": secret});
+    let made = server.post("/v1/webhooks", &hook);
+    assert_eq!((made.status, &made.json()["secret"]), (201, &json!(secret)));
+    let path = format!("/v1/webhooks/{}", made.json()["id"].as_str().unwrap());
+    assert!(server.get(&path).json()["secret"].is_null(), "it is shown once");
+    let map = server.map_of(&small(1));
+    let (first, payload) = told.recv_timeout(Duration::from_secs(10)).unwrap();
+    let (second, again) = told.recv_timeout(Duration::from_secs(15)).unwrap();
+    assert_eq!(payload, again);
+    assert_eq!(header(&first, "webhook-id"), header(&second, "webhook-id"));
+    let event: Value = serde_json::from_str(&payload).unwrap();
+    assert_eq!((&event["type"], &event["data"]["map_id"]), (&json!("job.successful"), &json!(map)));
+    let seconds: u64 = header(&second, "webhook-timestamp").parse().unwrap();
+    let signed =
+        mapfit::worker::webhooks::signature(&secret, header(&second, "webhook-id"), seconds, &payload).unwrap();
+    assert_eq!(header(&second, "webhook-signature"), signed);
+    put(&server, "hall", &json!({"map_id": map}), &[]);
+    let (_, payload) = told.recv_timeout(Duration::from_secs(10)).unwrap();
+    assert_eq!(serde_json::from_str::<Value>(&payload).unwrap()["data"]["name"], "hall");
+    let begun = Instant::now();
+    let all = loop {
+        let all = server.get(&format!("{path}/deliveries")).json()["items"].clone();
+        if all[0]["status"] == "delivered" || begun.elapsed() > Duration::from_secs(5) {
+            break all;
+        }
+    };
+    assert_eq!((&all[0]["event"], &all[1]["event"]), (&json!("place.published"), &json!("job.successful")));
+    assert_eq!(
+        (&all[1]["status"], &all[1]["attempts"], &all[1]["next_attempt"]),
+        (&json!("delivered"), &json!(2), &Value::Null)
+    );
+    assert_eq!(server.delete(&path).status, 204);
+    server.get(&path).problem(404);
+}
+
+/// A delivery that was due when the server was killed is made by the next one.
+#[test]
+fn an_event_outlives_the_server() {
+    let data = tempfile::tempdir().unwrap();
+    let (address, told) = receiver(&[200]);
+    let server = Server::start_with(data.path(), 1, &["--webhook-allow", "10.0.0.0/8"]);
+    let refused = server.post("/v1/webhooks", &json!({"url": address, "events": ["job.successful"]}));
+    assert_eq!(refused.problem(422)["errors"][0]["pointer"], "/url");
+    // A name that means a loopback address is found out when it is called, and never connected to.
+    let by_name = address.replace("127.0.0.1", "localtest.invalid");
+    assert_eq!(server.post("/v1/webhooks", &json!({"url": by_name, "events": ["job.successful"]})).status, 201);
+    server.map_of(&small(1));
+    drop(server);
+    assert!(told.try_recv().is_err());
+    let server = Server::start_with(data.path(), 1, &["--webhook-allow", "127.0.0.1/32"]);
+    let made = server.post("/v1/webhooks", &json!({"url": address, "events": ["job.dismissed"]}));
+    assert_eq!(made.status, 201);
+    let id = server.submit(&long(1));
+    server.delete(&format!("/v1/jobs/{id}"));
+    drop(server);
+    let _server = Server::start_with(data.path(), 0, &["--webhook-allow", "127.0.0.1/32"]);
+    let (_, payload) = told.recv_timeout(Duration::from_secs(90)).unwrap();
+    assert_eq!(serde_json::from_str::<Value>(&payload).unwrap()["data"]["id"], id);
+}

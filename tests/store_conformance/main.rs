@@ -1,0 +1,238 @@
+//! What every job store promises. One suite, run against each implementation.
+
+mod fleet;
+mod lists;
+#[path = "../support/postgres.rs"]
+mod postgres_server;
+mod queue;
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use mapfit::fit::{Poses, Weighting, Weights};
+use mapfit::jobs::{Job, JobStatus, MapRecord, Progress};
+use mapfit::map::FitReport;
+use mapfit::spline::Lattice;
+use mapfit::store::{JobBoard, Leases, Listing, NewJob, PostgresStore, Records, SqliteStore, Submission, Terms};
+
+use fleet::*;
+use lists::*;
+use queue::*;
+
+const LEASE: Duration = Duration::from_millis(400);
+
+fn terms(worker: &str) -> Terms {
+    Terms { worker: worker.into(), lease: LEASE, running_a_tenant: i64::MAX }
+}
+
+const QUEUED: Progress =
+    Progress { percent: 0.0, stage: String::new(), iteration: 0, max_iterations: 5, objective: None };
+const DONE: Progress = QUEUED;
+
+fn new_job(tenant: &str, priority: i32) -> NewJob {
+    NewJob {
+        tenant: tenant.into(),
+        name: None,
+        labels: BTreeMap::new(),
+        priority,
+        progress: Progress::queued(100),
+        message: None,
+        request: b"request".to_vec(),
+        idempotency: None,
+        retry_of: None,
+        deadline_seconds: None,
+        quota: None,
+    }
+}
+
+async fn accept(store: &dyn Records, job: NewJob) -> Job {
+    match store.submit(job).await.unwrap() {
+        Submission::Accepted(job) => job,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn map_of(job: &Job) -> MapRecord {
+    let weights = Weights {
+        eikonal: 1.0,
+        eikonal_unit: String::new(),
+        eikonal_scale: None,
+        smoothing: 0.0,
+        observation: String::new(),
+        model_sigma: 0.0,
+        poses: Poses::Fixed,
+    };
+    let fit = FitReport {
+        weighting: Weighting::Paper,
+        converged: true,
+        iterations: 7,
+        factorisations: 9,
+        objective: 1.0,
+        gradient_norm: 0.0,
+        relative_gradient: 0.0,
+        positive_definite: true,
+        observations: 1,
+        seconds: 0.1,
+        stages: Default::default(),
+        unconverged: None,
+        weights,
+        seen_through: None,
+        cut_locus: None,
+        active_control_points: None,
+    };
+    MapRecord {
+        id: uuid::Uuid::now_v7().to_string(),
+        job_id: job.id.clone(),
+        tenant: job.tenant.clone(),
+        name: None,
+        labels: BTreeMap::new(),
+        created: 0,
+        distance: mapfit::fit::Distance::Signed,
+        lattice: Lattice { origin: [0.0, 0.0], resolution: 0.5, cells: [4, 4] },
+        fit,
+        prefix: format!("attempts/{}/{}", job.id, job.attempt),
+        bytes: 1000,
+        sha256: Some("0af3".into()),
+        parent: None,
+        version: 1,
+    }
+}
+
+/// A finished map of a tenant.
+async fn mapped(store: &dyn Records, tenant: &str) -> (Job, MapRecord) {
+    let job = accept(store, new_job(tenant, 1000)).await;
+    let claim = store.claim(&terms("w")).await.unwrap().unwrap().job;
+    assert_eq!(claim.id, job.id);
+    let map = map_of(&claim);
+    assert!(store.succeed(claim.attempt, &map, &DONE).await.unwrap());
+    (store.job(tenant, &job.id).await.unwrap().unwrap(), map)
+}
+
+fn listing(tenant: &str) -> Listing {
+    Listing { tenant: tenant.into(), limit: 100, ..Default::default() }
+}
+
+/// Runs a case of the suite on a fresh store of each kind.
+macro_rules! conformance {
+    ($($case:ident),* $(,)?) => {
+        mod postgres {
+            $(#[test]
+            fn $case() {
+                tokio::runtime::Runtime::new().unwrap().block_on(async {
+                    let store = super::PostgresStore::open(&super::postgres_server::database().await, 8).await.unwrap();
+                    super::$case(&store).await;
+                });
+            })*
+        }
+        mod sqlite {
+            $(#[test]
+            fn $case() {
+                let folder = tempfile::tempdir().unwrap();
+                tokio::runtime::Runtime::new().unwrap().block_on(async {
+                    let store = super::SqliteStore::open(&folder.path().join("jobs.sqlite")).await.unwrap();
+                    super::$case(&store).await;
+                });
+            })*
+        }
+    };
+}
+
+conformance!(
+    claims_go_by_priority_then_fairness_then_age,
+    a_lost_lease_never_writes,
+    a_cancelled_job_takes_no_result,
+    a_released_job_is_as_if_never_claimed,
+    a_retry_waits_its_delay,
+    idempotency_keys_belong_to_a_tenant,
+    lapsed_leases_cost_attempts_until_the_job_fails,
+    lists_go_by_status_labels_and_cursor,
+    maps_are_found_by_box_and_label,
+    two_claimers_never_get_the_same_job,
+    a_tenant_runs_no_more_than_it_may,
+    holdings_and_quotas_count_what_is_there,
+    a_deadline_fails_what_waits_and_what_runs,
+    labels_are_replaced_and_found_by,
+    versions_of_a_place_follow_one_another,
+    publications_at_once_give_versions_without_gap_or_double,
+    keys_are_known_until_and_after_they_are_revoked,
+    events_are_queued_with_what_makes_them,
+);
+
+/// A database as version 0.2.0 left it: its jobs are claimed, listed by label and asked for their requests as before.
+#[test]
+fn a_database_of_the_first_schema_is_brought_up_to_date() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("jobs.sqlite");
+    tokio::runtime::Runtime::new().unwrap().block_on(async {
+        use sqlx::Connection;
+        let address = format!("sqlite://{}?mode=rwc", file.display());
+        let mut old = sqlx::sqlite::SqliteConnection::connect(&address).await.unwrap();
+        let mut migrations = sqlx::migrate!("migrations/sqlite");
+        let first: Vec<_> = migrations.migrations.iter().take(1).cloned().collect();
+        migrations.migrations = first.into();
+        migrations.run(&mut old).await.unwrap();
+        for (k, status) in ["accepted", "running", "failed", "accepted"].iter().enumerate() {
+            let progress = serde_json::to_string(&Progress::queued(9)).unwrap();
+            sqlx::query(
+                "INSERT INTO jobs (id, tenant, labels, status, progress, created, updated, request) VALUES (?, 'a', ?, ?, ?, ?, 0, ?)",
+            )
+            .bind(format!("0190000{k}-0000-7000-8000-000000000000"))
+            .bind(format!("{{\"k\": \"{}\"}}", k % 2))
+            .bind(*status)
+            .bind(progress)
+            .bind(k as i64)
+            .bind(vec![k as u8; 3])
+            .execute(&mut old)
+            .await
+            .unwrap();
+        }
+        old.close().await.unwrap();
+        let store = SqliteStore::open(&file).await.unwrap();
+        let odd = Listing { labels: vec![("k".into(), "1".into())], ..listing("a") };
+        let ids: Vec<String> = store.jobs(&odd).await.unwrap().into_iter().map(|job| job.id[..8].to_owned()).collect();
+        assert_eq!(ids, ["01900003", "01900001"]);
+        let claim = store.claim(&terms("w")).await.unwrap().unwrap();
+        assert_eq!((&claim.job.id[..8], claim.request), ("01900000", vec![0u8; 3]));
+        assert_eq!(store.claim(&terms("w")).await.unwrap().unwrap().request, vec![3u8; 3]);
+        assert!(store.claim(&terms("w")).await.unwrap().is_none());
+    });
+}
+
+/// What a claim and a page cost with 100,000 jobs in the queue; printed, and held to the bars.
+#[test]
+#[ignore = "nightly: cargo test --release --test store_conformance -- --ignored --nocapture"]
+fn claims_and_pages_at_a_hundred_thousand_jobs() {
+    let folder = tempfile::tempdir().unwrap();
+    tokio::runtime::Runtime::new().unwrap().block_on(async {
+        let store = SqliteStore::open(&folder.path().join("jobs.sqlite")).await.unwrap();
+        for k in 0..100_000 {
+            let labels = BTreeMap::from([
+                ("site".to_owned(), if k % 10 == 0 { "lab" } else { "hq" }.to_owned()),
+                ("robot".to_owned(), (k % 10_000).to_string()),
+            ]);
+            let tenant = format!("t{}", k % 1000);
+            accept(&store, NewJob { labels, ..new_job(&tenant, 0) }).await;
+        }
+        let p99 = |mut times: Vec<Duration>| {
+            times.sort_unstable();
+            times[times.len() * 99 / 100]
+        };
+        let mut claims = Vec::new();
+        for _ in 0..1000 {
+            let began = std::time::Instant::now();
+            assert!(store.claim(&terms("w")).await.unwrap().is_some());
+            claims.push(began.elapsed());
+        }
+        let mut pages = Vec::new();
+        for k in 0..500 {
+            let labels = vec![("site".to_owned(), "hq".to_owned()), ("robot".to_owned(), (k * 7).to_string())];
+            let status = Some(JobStatus::Accepted).filter(|_| k % 2 == 0);
+            let began = std::time::Instant::now();
+            store.jobs(&Listing { labels, status, limit: 51, ..listing(&format!("t{}", k * 7 % 1000)) }).await.unwrap();
+            pages.push(began.elapsed());
+        }
+        let (claim, page) = (p99(claims), p99(pages));
+        println!("99 % of claims within {claim:.1?}, of pages within {page:.1?}");
+        assert!(claim <= Duration::from_millis(10) && page <= Duration::from_millis(5));
+    });
+}
