@@ -12,11 +12,11 @@ use serde_json::json;
 use super::CliError;
 use super::submit::read_unzipped;
 use crate::jobs::{JobRequest, Limits, Progress, RequestError};
-use crate::map::{ArchiveError, FittedMap, factors_npz, on_lattice_npz, scipy_sparse};
+use crate::map::{ArchiveError, FittedMap, MapError, SurveyError, factors_npz, on_lattice_npz, scipy_sparse};
 use crate::render::{
     Layer, OccupancyGrid, Overlay, Picture, contours, map_picture, svg_to_png, to_geojson, to_nav2_zip,
 };
-use crate::uncertainty::Kind;
+use crate::uncertainty::{Factors, Kind};
 use crate::worker::fit_request;
 
 #[derive(Debug, Args)]
@@ -40,7 +40,8 @@ impl FitCommand {
         bar.finish_and_clear();
         let out = &self.out;
         std::fs::create_dir_all(out).map_err(CliError::io(out.display().to_string()))?;
-        let factors = request.factors(&map)?;
+        let factors =
+            Factors::of(&mut request.resume(&map)?).map_err(|error| SurveyError::from(MapError::from(error)))?;
         write(out, "factors.npz", &factors_npz(&factors).map_err(ArchiveError::from)?)?;
         write_map(out, &map, request.name.as_deref().unwrap_or("map"))?;
         let report = &map.report;

@@ -20,6 +20,9 @@ use crate::worker::{Rules, Solvers, Workshop};
 const GRACE: Duration = Duration::from_secs(5);
 /// Whoever scrapes is one, or a few.
 const METRICS_CONNECTIONS: usize = 64;
+/// Of `--memory`: one part in so many is kept of what blocks of covariances are formed from, within these bytes.
+const SHARE_OF_JOINTS: u64 = 8;
+const JOINTS: (u64, u64) = (32 << 20, 2 << 30);
 /// To a PostgreSQL server, a process.
 const DATABASE_CONNECTIONS: u32 = 16;
 
@@ -184,6 +187,7 @@ impl Serve {
             connections: self.connections.max(1),
             requests_a_second: self.rate_limit,
             quota: Quota { queued: self.quota_queued, bytes: self.quota_bytes.unwrap_or(i64::MAX) },
+            joints: (self.house.rules().memory / SHARE_OF_JOINTS).clamp(JOINTS.0, JOINTS.1) as usize,
             ..HttpLimits::default()
         }
     }

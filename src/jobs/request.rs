@@ -11,12 +11,11 @@ use thiserror::Error;
 use super::document::{DocumentError, Node};
 use super::limits::{Fault, Limits};
 use super::reader::{FARTHEST, LONGEST_TEXT, Reader};
-use crate::fit::{self, Distance, End, FitOptions, Footprint, Poses, Weighting, pose_unknowns};
+use crate::fit::{self, Distance, End, Estimate, FitOptions, Footprint, Poses, Weighting, pose_unknowns};
 use crate::geometry::{Bounds, Cov3, Pose, Vec2, psd_square_root};
-use crate::map::{self, Cost, FittedMap, MapError, Survey, SurveyError};
+use crate::map::{self, Cost, FittedMap, Survey, SurveyError};
 use crate::scan::{LaserScan, Noise, returns_of};
 use crate::spline::{Lattice, LatticeError};
-use crate::uncertainty::Factors;
 
 #[derive(Debug, Error)]
 pub enum RequestError {
@@ -51,8 +50,8 @@ const MOST_LABELS: usize = 64;
 const DEADLINES: (f64, f64) = (0.001, 2_678_400.0);
 
 impl JobRequest {
-    /// What any entry of a map's covariance can be formed from; `map` is this request's.
-    pub fn factors(&self, map: &FittedMap) -> Result<Factors, SurveyError> {
+    /// The fit's end, found again; `map` is this request's.
+    pub fn resume(&self, map: &FittedMap) -> Result<Estimate, SurveyError> {
         let (coefficients, poses) = map.resume_from();
         let reported: Vec<f64>;
         let poses = match (poses, map.report.weights.poses) {
@@ -64,8 +63,7 @@ impl JobRequest {
             (poses, _) => poses,
         };
         let end = End { coefficients: &coefficients, poses };
-        let mut estimate = fit::resume(&self.scans, &self.noise, self.distance, &self.lattice, &self.options, end)?;
-        Ok(Factors::of(&mut estimate).map_err(MapError::from)?)
+        Ok(fit::resume(&self.scans, &self.noise, self.distance, &self.lattice, &self.options, end)?)
     }
 
     /// The fit that is asked for.

@@ -22,15 +22,21 @@ pub enum NpzError {
 /// An archive being written.
 pub struct NpzWriter {
     zip: zip::ZipWriter<Cursor<Vec<u8>>>,
+    method: zip::CompressionMethod,
 }
 
 impl Default for NpzWriter {
     fn default() -> Self {
-        Self { zip: zip::ZipWriter::new(Cursor::new(Vec::new())) }
+        Self { zip: zip::ZipWriter::new(Cursor::new(Vec::new())), method: zip::CompressionMethod::Deflated }
     }
 }
 
 impl NpzWriter {
+    /// For numbers of which no two bytes repeat, as those of dense covariances: compressed they only take longer.
+    pub fn stored() -> Self {
+        Self { method: zip::CompressionMethod::Stored, ..Self::default() }
+    }
+
     /// Adds a C-ordered array; an empty shape is a scalar.
     pub fn array<T: npyz::AutoSerialize + Copy>(
         &mut self,
@@ -63,9 +69,10 @@ impl NpzWriter {
     }
 
     fn entry(&mut self, name: &str, bytes: &[u8]) -> Result<&mut Self, NpzError> {
+        let level = (self.method == zip::CompressionMethod::Deflated).then_some(1);
         let options = SimpleFileOptions::default()
-            .compression_method(zip::CompressionMethod::Deflated)
-            .compression_level(Some(1))
+            .compression_method(self.method)
+            .compression_level(level)
             .last_modified_time(zip::DateTime::DEFAULT)
             .large_file(bytes.len() as u64 > u64::from(u32::MAX / 2));
         self.zip.start_file(format!("{name}.npy"), options)?;

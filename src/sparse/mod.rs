@@ -4,7 +4,7 @@
 //! a grid, which [`StencilMatrix`] stores. A [`Pattern`] has one or two such components and the poses that see them, a
 //! [`SystemMatrix`] the values. [`dissection`] orders both so that the Cholesky factor stays sparse, [`Cholesky`]
 //! factorises and solves (faer's supernodal kernels on that order), and [`selected_inverse`] gives the entries of the
-//! inverse on the pattern without ever forming the inverse.
+//! inverse on the pattern without ever forming the inverse; [`Paths`] those between any few unknowns.
 
 pub mod dissection;
 
@@ -12,6 +12,7 @@ mod block;
 mod cholesky;
 mod error;
 mod panels;
+mod paths;
 mod pattern;
 mod selected;
 mod stencil;
@@ -21,6 +22,7 @@ pub use block::CellBlock;
 pub use cholesky::Cholesky;
 pub(crate) use cholesky::LARGEST_RESIDUAL;
 pub use error::SparseError;
+pub use paths::{Of, Paths};
 pub use pattern::{Pattern, Views};
 pub use selected::{selected_inverse, selected_sandwich};
 pub use stencil::{Stencil, StencilMatrix};

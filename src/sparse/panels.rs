@@ -5,6 +5,8 @@
 //! [`Panels::extend_add`] hands a child's update to its parent (Duff and Reid 1983); both find rows by one walk over two
 //! ascending lists.
 
+use std::borrow::Cow;
+
 use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
 use faer::{Mat, MatMut, MatRef};
 
@@ -14,18 +16,31 @@ use super::system::SystemMatrix;
 /// A symmetric matrix on the pattern of `L`: per supernode a column-major panel of its pivot rows and the rows below.
 pub(super) struct Panels<'a> {
     symbolic: &'a SymbolicSupernodalCholesky<usize>,
-    values: Vec<f64>,
+    values: Cow<'a, [f64]>,
     /// The supernode that eliminates each step.
     pub owner: Vec<usize>,
 }
 
 impl<'a> Panels<'a> {
     pub fn zeros(symbolic: &'a SymbolicSupernodalCholesky<usize>) -> Self {
+        Self::with(symbolic, Cow::Owned(vec![0.0; symbolic.len_val()]))
+    }
+
+    /// Over the values of another, as [`Panels::into_values`] gave them.
+    pub fn holding(symbolic: &'a SymbolicSupernodalCholesky<usize>, values: &'a [f64]) -> Self {
+        Self::with(symbolic, Cow::Borrowed(values))
+    }
+
+    pub fn into_values(self) -> Vec<f64> {
+        self.values.into_owned()
+    }
+
+    fn with(symbolic: &'a SymbolicSupernodalCholesky<usize>, values: Cow<'a, [f64]>) -> Self {
         let mut owner = vec![0; symbolic.nrows()];
         for s in 0..symbolic.n_supernodes() {
             owner[symbolic.supernode_begin()[s]..symbolic.supernode_end()[s]].fill(s);
         }
-        Self { symbolic, values: vec![0.0; symbolic.len_val()], owner }
+        Self { symbolic, values, owner }
     }
 
     pub fn width(&self, s: usize) -> usize {
@@ -53,7 +68,7 @@ impl<'a> Panels<'a> {
 
     pub fn blocks_mut(&mut self, s: usize) -> (MatMut<'_, f64>, MatMut<'_, f64>) {
         let (span, height, width) = (self.span(s), self.height(s), self.width(s));
-        MatMut::from_column_major_slice_mut(&mut self.values[span], height, width).split_at_row_mut(width)
+        MatMut::from_column_major_slice_mut(&mut self.values.to_mut()[span], height, width).split_at_row_mut(width)
     }
 
     pub fn store(&mut self, s: usize, pivot: MatRef<'_, f64>, below: MatRef<'_, f64>) {
@@ -111,7 +126,7 @@ impl<'a> Panels<'a> {
     pub fn extend_add(&mut self, s: usize, trailing: &mut Mat<f64>, child: usize, update: MatRef<'_, f64>) {
         let places = self.places(s, self.symbolic.supernode(child).pattern());
         let (width, height, span) = (self.width(s), self.height(s), self.span(s));
-        let panel = &mut self.values[span];
+        let panel = &mut self.values.to_mut()[span];
         for (column, &into) in places.iter().enumerate() {
             for (row, &place) in places.iter().enumerate().skip(column) {
                 if into < width {
@@ -127,11 +142,11 @@ impl<'a> Panels<'a> {
     pub fn scatter(&mut self, g: &SystemMatrix, inverse: &[usize]) {
         for (row, column, source) in g.pattern().entries() {
             let at = self.address(inverse[row], inverse[column]);
-            self.values[at] = g.values()[source];
+            self.values.to_mut()[at] = g.values()[source];
         }
         for (row, column, value) in g.pair_entries() {
             let at = self.address(inverse[row], inverse[column]);
-            self.values[at] = value;
+            self.values.to_mut()[at] = value;
         }
     }
 

@@ -116,7 +116,7 @@ fn inverse_blocks(pivot: &Pivot, z22: MatRef<'_, f64>) -> (Mat<f64>, Mat<f64>) {
 }
 
 /// The derivative of the elimination along `G`: per supernode `G11` and `G21` as they stand when it is eliminated.
-fn eliminate_derivative<'a>(
+pub(super) fn eliminate_derivative<'a>(
     factor: SupernodalLltRef<'a, usize, f64>,
     g: &SystemMatrix,
     inverse: &[usize],

@@ -1,23 +1,20 @@
-//! What any entry of either covariance can be formed from: the Hessian in all unknowns, and the inputs' columns.
+//! What a client can form any entry of the covariance from by itself: the Hessian in all unknowns, and the inputs' columns.
 //!
-//! [`Factors::block`] solves for a window exactly. [`Factors::exported`] is what a client forms entries from by itself,
-//! with `C = H^-1 B B^T H^-1`: refined poses are eliminated where that does not fill in too much,
+//! With [`Factors::exported`] it is `C = H^-1 B B^T H^-1`: refined poses are eliminated where that does not fill in too much,
 //!
 //! ```text
 //! H' = H - K P^-1 K^T,   B' = B_c - K P^-1 B_e
 //! ```
 //!
-//! with the common motion's share of the posterior put in, so that `2 H'^-1` is that, too;
-//!
-//! else they are three unknowns each behind the coefficients; known poses are columns of `B`.
+//! with the common motion's share of the posterior put in, so that `2 H'^-1` is that, too; else they are three unknowns each behind the coefficients; known poses are columns of `B`.
 
 use std::collections::BTreeMap;
 
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 
-use super::marginals::{ROUNDING, for_each_carried};
-use super::{CompressedColumns, Kind, UncertaintyError};
+use super::marginals::for_each_carried;
+use super::{CompressedColumns, UncertaintyError};
 use crate::fit::{Estimate, Factor, Poses, System, gauge};
 use crate::sparse::Cholesky;
 use crate::spline::SUPPORT;
@@ -40,8 +37,6 @@ pub struct ExportedFactors {
 
 /// Pose unknowns that are eliminated at most: beyond, the dense block between them is what costs.
 const LARGEST_ELIMINATION: usize = 600;
-/// Right-hand sides are solved for in panels of at most so many numbers.
-const LARGEST_PANEL: usize = 4_000_000;
 
 impl Factors {
     /// The factors of an estimate.
@@ -70,65 +65,6 @@ impl Factors {
     /// The number of coefficients: control points x components.
     pub fn coefficients(&self) -> usize {
         self.system.hessian.pattern().coefficients()
-    }
-
-    /// The dense covariance between the given coefficients, row-major, exact. `go_on` says whether to go on.
-    pub fn block(&self, kind: Kind, points: &[usize], go_on: &dyn Fn() -> bool) -> Result<Vec<f64>, UncertaintyError> {
-        let mut cholesky = Cholesky::analyse(self.system.hessian.pattern())?;
-        let factor = Factor::factorise(&self.system, &mut cholesky)?;
-        let answer = factor.answer_to_common_motion().ok_or(UncertaintyError::NoMinimum)?;
-        let (unknowns, m) = (self.system.gradient.len(), points.len());
-        let mut result = vec![0.0; m * m];
-        let width = (LARGEST_PANEL / unknowns).clamp(1, 256);
-        for first in (0..m).step_by(width) {
-            if !go_on() {
-                return Err(UncertaintyError::Cancelled);
-            }
-            let panel = &points[first..(first + width).min(m)];
-            let mut x = Mat::from_fn(unknowns, panel.len(), |row, k| f64::from(u8::from(row == panel[k])));
-            factor.solve_block(&cholesky, x.as_mut())?;
-            if kind == Kind::Propagated {
-                self.times_input_covariance(&mut x);
-                factor.solve_block(&cholesky, x.as_mut())?;
-            } else {
-                x *= faer::Scale(2.0);
-            }
-            for (k, column) in panel.iter().enumerate() {
-                for (a, &row) in points.iter().enumerate() {
-                    let moved: f64 =
-                        (0..answer.ncols()).map(|mode| answer[(row, mode)] * answer[(*column, mode)]).sum();
-                    result[a * m + first + k] = x[(row, k)] + moved;
-                }
-            }
-        }
-        symmetrise(&mut result, m);
-        Ok(result)
-    }
-
-    /// Replaces every column by the inputs' covariance times it, but for the common motion of the reports.
-    fn times_input_covariance(&self, x: &mut Mat<f64>) {
-        let first_pose = self.coefficients();
-        let diagonal = self.system.hessian.diagonal();
-        let gauge = &self.system.gauge;
-        for k in 0..x.ncols() {
-            let own: Vec<f64> = (0..x.nrows()).map(|row| x[(row, k)]).collect();
-            let mut image: Vec<f64> = own.iter().zip(&diagonal).map(|(x, d)| ROUNDING.powi(2) * d * x).collect();
-            image[first_pose..].fill(0.0);
-            for input in 0..self.inputs.columns() {
-                let share: f64 = self.inputs.column(input).map(|(row, b)| b * own[row]).sum();
-                self.inputs.column(input).for_each(|(row, b)| image[row] += b * share);
-            }
-            let squared = self.prior.powi(2);
-            image[first_pose..].iter_mut().zip(&own[first_pose..]).for_each(|(image, x)| *image += squared * x);
-            for mode in 0..gauge.ncols() {
-                let along: f64 = own[first_pose..].iter().enumerate().map(|(row, x)| gauge[(row, mode)] * x).sum();
-                image[first_pose..]
-                    .iter_mut()
-                    .enumerate()
-                    .for_each(|(row, v)| *v -= squared * along * gauge[(row, mode)]);
-            }
-            image.iter().enumerate().for_each(|(row, value)| x[(row, k)] = *value);
-        }
     }
 
     /// What a client needs; see the module. Poses are eliminated where that takes at most `limit` entries.
@@ -300,14 +236,4 @@ fn pairs(seen: &[usize]) -> impl Iterator<Item = ((usize, &usize), (usize, &usiz
 /// The gauge's share of the poses' block.
 fn gauge_block(reports: &Mat<f64>, prior: f64) -> Mat<f64> {
     Mat::from_fn(reports.nrows(), reports.ncols(), |a, b| reports[(a, b)] - if a == b { prior } else { 0.0 })
-}
-
-fn symmetrise(matrix: &mut [f64], n: usize) {
-    for row in 0..n {
-        for column in 0..row {
-            let mean = 0.5 * (matrix[row * n + column] + matrix[column * n + row]);
-            matrix[row * n + column] = mean;
-            matrix[column * n + row] = mean;
-        }
-    }
 }

@@ -15,13 +15,13 @@
 //! minimum is met in f64: with it the middle of the sandwich is `F F^T` with `F` of full rank, so that no variance
 //! vanishes where the inputs have no say. Nothing is clamped: what comes out indefinite all the same is refused.
 
-use faer::Mat;
 use nalgebra::Matrix3;
 
+use super::modes::Modes;
 use super::{Kind, UncertaintyError};
 use crate::fit::{Estimate, Factor, Input, Poses};
 use crate::geometry::Cov3;
-use crate::sparse::{CellBlock, Symmetric, SystemMatrix, selected_sandwich};
+use crate::sparse::{CellBlock, SystemMatrix, selected_sandwich};
 use crate::spline::SUPPORT;
 
 /// See the module.
@@ -67,7 +67,10 @@ pub fn marginals(
     }
     let (inverse, sandwich) = selected_sandwich(&estimate.cholesky, &g, &|share| go_on(0.1 + 0.9 * share))?;
     let mut marginals = Marginals { propagated: sandwich, posterior: inverse };
-    add_modes(estimate, &factor, &g, &mut marginals)?;
+    marginals.posterior.scale(2.0);
+    let modes = Modes::of(estimate, &factor, &g)?;
+    modes.add_to(Kind::Propagated, &mut marginals.propagated);
+    modes.add_to(Kind::Posterior, &mut marginals.posterior);
     check_definite(&marginals)?;
     let poses = match estimate.weights.poses {
         Poses::Fixed => PoseCovariance::default(),
@@ -80,7 +83,7 @@ pub fn marginals(
 }
 
 /// `G`.
-fn input_covariance(estimate: &Estimate) -> SystemMatrix {
+pub(super) fn input_covariance(estimate: &Estimate) -> SystemMatrix {
     let hessian = &estimate.system.hessian;
     let n = hessian.pattern().stencil().dimension();
     let mut g = SystemMatrix::zeros(hessian.pattern().clone());
@@ -129,47 +132,6 @@ pub(super) fn for_each_carried(estimate: &Estimate, each: &mut dyn FnMut(&Input<
         let by_control_points = [[0.0; SUPPORT]; 2];
         poses.iter().for_each(|own| each(&Input { by_control_points, by_poses: std::slice::from_ref(own), ..*input }));
     });
-}
-
-/// Puts in the gauge and takes out the pin; doubles the posterior.
-fn add_modes(
-    estimate: &Estimate,
-    factor: &Factor,
-    g: &SystemMatrix,
-    marginals: &mut Marginals,
-) -> Result<(), UncertaintyError> {
-    let Marginals { propagated, posterior } = marginals;
-    let v = &factor.images;
-    if v.ncols() > 0 {
-        let inner = Mat::from_fn(v.ncols(), v.ncols(), |a, b| factor.inner[(a, b)]);
-        let weighed = v * &inner;
-        posterior.add_products(&weighed, v, -1.0);
-        // M^-1 G M^-1 = S - V K Y^T - Y K V^T + V K (V^T G V) K V^T,  Y = Mp^-1 G V
-        let gv = times(g, v);
-        let middle = &inner * (v.transpose() * &gv) * &inner;
-        let mut y = gv;
-        estimate.cholesky.solve_block(y.as_mut())?;
-        propagated.add_products(&weighed, &y, -2.0);
-        propagated.add_products(&(v * middle), v, 1.0);
-        let answer = factor.answer_to_common_motion().ok_or(UncertaintyError::NoMinimum)?;
-        let mut own = Mat::zeros(v.nrows(), 3);
-        own.copy_from(factor.modes.subcols(3, 3));
-        factor.solve_block(&estimate.cholesky, own.as_mut())?;
-        propagated.add_products(&own, &own, -estimate.prior().powi(2));
-        propagated.add_products(&answer, &answer, 1.0);
-        posterior.scale(2.0);
-        posterior.add_products(&answer, &answer, 1.0);
-    } else {
-        posterior.scale(2.0);
-    }
-    Ok(())
-}
-
-fn times(matrix: &SystemMatrix, x: &Mat<f64>) -> Mat<f64> {
-    let columns: Vec<Vec<f64>> = (0..x.ncols())
-        .map(|column| matrix.times(&(0..x.nrows()).map(|row| x[(row, column)]).collect::<Vec<_>>()))
-        .collect();
-    Mat::from_fn(x.nrows(), x.ncols(), |row, column| columns[column][row])
 }
 
 /// Every pose's own block of a covariance, as one in (x, y, theta).

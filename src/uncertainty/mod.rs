@@ -10,17 +10,21 @@
 //! - *posterior*: `2 M^-1` (the objective has no factor 1/2), the Laplace approximation; it grows where nothing was seen.
 //!
 //! [`Marginals`] holds the entries on the pattern, by selected inversion ([`marginals`]): control points that share a
-//! cell, poses, and poses with what they see. [`Factors`] is what any entry can be formed from (`factors`).
+//! cell, poses, and poses with what they see. [`Joint`] forms those between any few coefficients (`joint`), [`Factors`] is
+//! what a client can form any entry from (`factors`).
 
 mod columns;
 mod factors;
+mod joint;
 mod marginals;
+mod modes;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 pub use columns::CompressedColumns;
 pub use factors::{ExportedFactors, Factors};
+pub use joint::Joint;
 pub use marginals::{Marginals, PoseCovariance, marginals};
 
 use crate::sparse::SparseError;

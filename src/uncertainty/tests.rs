@@ -98,12 +98,6 @@ fn check_against_dense(distance: Distance, options: &FitOptions) {
             let (value, scale) = (marginals.of(kind).values()[at], (exact[(p, p)] * exact[(q, q)]).sqrt());
             assert!((value - exact[(p, q)]).abs() <= WITHIN * scale, "{kind:?} ({p}, {q}): {value} {}", exact[(p, q)]);
         }
-        let window: Vec<usize> = (100..120).chain(n - 160..n - 140).collect();
-        let block = factors.block(kind, &window, &|| true).unwrap();
-        for (k, (&p, &q)) in window.iter().flat_map(|p| window.iter().map(move |q| (p, q))).enumerate() {
-            let scale = (exact[(p, p)] * exact[(q, q)]).sqrt();
-            assert!((block[k] - exact[(p, q)]).abs() <= WITHIN * scale, "block ({p}, {q})");
-        }
     }
     for (scan, covariance) in poses.propagated.iter().enumerate() {
         let root = estimate.viewpoints[scan].root;
@@ -113,6 +107,21 @@ fn check_against_dense(distance: Distance, options: &FitOptions) {
     let stencil = pattern.stencil();
     let points: Vec<usize> = (200..230).filter(|point| stencil.is_active(*point)).collect();
     check_export(&factors, &exact[0], &points);
+    check_blocks(estimate, n, &exact);
+}
+
+/// A block's entries, of coefficients near each other and far apart, in an order that is not that of elimination.
+fn check_blocks(estimate: Estimate, n: usize, exact: &[Mat<f64>; 2]) {
+    let joint = Joint::of(estimate, &|_| true).unwrap();
+    for (kind, exact) in Kind::ALL.into_iter().zip(exact) {
+        let window: Vec<usize> = (100..120).chain(n - 160..n - 140).rev().collect();
+        let block = joint.block(kind, &window, &|| true).unwrap();
+        for (k, (&p, &q)) in window.iter().flat_map(|p| window.iter().map(move |q| (p, q))).enumerate() {
+            let scale = (exact[(p, p)] * exact[(q, q)]).sqrt();
+            assert!((block[k] - exact[(p, q)]).abs() <= WITHIN * scale, "{kind:?} block ({p}, {q})");
+        }
+        assert!(joint.block(kind, &window, &|| false).is_err(), "asked whether to go on");
+    }
 }
 
 /// What a client makes of the exported factors.

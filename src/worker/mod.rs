@@ -31,7 +31,7 @@ pub use memory::of_this_machine;
 pub use metrics::Metrics;
 pub use rules::Rules;
 
-use memory::Memory;
+use memory::{Memory, Reserved};
 
 /// How long an idle solver waits before it looks for work that nobody told it of.
 const IDLE: Duration = Duration::from_millis(500);
@@ -88,6 +88,11 @@ impl Workshop {
             waited_for: Default::default(),
             ready: Default::default(),
         }))
+    }
+
+    /// Waits for so many bytes of what fits share, while `goes_on` holds.
+    pub fn reserve(&self, bytes: u64, goes_on: &dyn Fn() -> bool) -> Option<Reserved<'_>> {
+        self.memory.reserve(bytes, goes_on)
     }
 
     /// Stops a job's attempt in this process within one step, if it runs here.

@@ -1,9 +1,7 @@
 //! The covariance of the coefficients, in five forms.
 //!
-//! `diagonal` and `sparse` are stored with the map. `block` and `full` are solved for on demand, from the stored
-//! factors; `factors` hands those out. See [`crate::uncertainty`] for the two kinds.
-
-use std::sync::Arc;
+//! `diagonal` and `sparse` are stored with the map. `block` and `full` are formed on demand at the fit's end, found
+//! again; `factors` hands out what any entry is formed from. See [`crate::uncertainty`] for the two kinds.
 
 use axum::response::Response;
 use serde::Serialize;
@@ -11,17 +9,17 @@ use utoipa::ToSchema;
 
 use super::arrays::OnLattice;
 use super::record::LatticeBody;
-use super::request::{KINDS, MapRequest, Settled, Wanted};
+use super::request::{KINDS, MapRequest, Settled};
+use super::resumed::{from_factors, joint};
 use crate::http::shared::compute::{Leash, Queue};
 use crate::http::shared::negotiate::{Binary, Format, JSON, NPZ};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused, to_json};
-use crate::jobs::JobRequest;
 use crate::map::FittedMap;
 use crate::map::npz::NpzWriter;
 use crate::map::{factors_npz, on_lattice_npz, scipy_sparse};
 use crate::spline::Lattice;
-use crate::uncertainty::{Factors, Kind};
+use crate::uncertainty::{Joint, Kind};
 
 /// Control points in a `block` at most.
 const LARGEST_BLOCK: usize = 1024;
@@ -126,40 +124,15 @@ pub async fn get_map_covariance(mut request: MapRequest) -> Result<Response, Pro
     };
     let n = wanted.record.lattice.len();
     let points: Vec<usize> = (0..components).flat_map(|k| one.iter().map(move |point| k * n + point)).collect();
-    let factors = factors(&wanted).await?;
+    if form == Form::Factors {
+        let body = from_factors(&wanted, |factors| Ok(factors_npz(&factors)?)).await?;
+        return wanted.respond(body);
+    }
+    let joint = joint(&wanted).await?;
     let map = wanted.state.load(&wanted.record).await?;
-    let make = move |leash: &Leash| match form {
-        Form::Factors => Ok(factors_npz(&factors)?),
-        _ => dense(&factors, &map, (kind, leash), &points, window, format),
-    };
+    let make = move |leash: &Leash| dense(&joint, &map, (kind, leash), &points, window, format);
     let body = wanted.state.compute.run(Queue::Heavy, make).await?;
     wanted.respond(body)
-}
-
-/// What any entry is formed from: the fit's end, found again from the job's request and the map.
-async fn factors(wanted: &Wanted) -> Result<Arc<Factors>, Problem> {
-    let (state, record) = (&wanted.state, &wanted.record);
-    if let Some(known) = state.known_factors(&record.id) {
-        return Ok(known);
-    }
-    let packed = state.workshop.records.request(&wanted.caller.tenant, &record.job_id).await?;
-    let packed =
-        packed.ok_or_else(|| Problem::not_found("the map's job is gone, and with it what this is formed from"))?;
-    let map = state.load(record).await?;
-    let limits = state.workshop.limits;
-    let (again, id) = (state.clone(), record.id.clone());
-    let form = move |_: &Leash| {
-        // Whoever was ahead in the queue may have formed them.
-        if let Some(known) = again.known_factors(&id) {
-            return Ok(known);
-        }
-        let json = zstd::decode_all(&packed[..]).map_err(|error| Problem::internal(&error))?;
-        let request = JobRequest::parse(&json, &limits).map_err(|error| Problem::internal(&error))?;
-        let formed = Arc::new(request.factors(&map).map_err(|error| Problem::internal(&error))?);
-        again.keep_factors(&id, &formed);
-        Ok(formed)
-    };
-    state.compute.run(Queue::Heavy, form).await
 }
 
 fn window(params: &mut Params, lattice: &Lattice) -> Option<Window> {
@@ -202,7 +175,7 @@ fn diagonal(map: &FittedMap, kind: Kind, format: Format) -> Result<Vec<u8>, Prob
 }
 
 fn dense(
-    factors: &Factors,
+    joint: &Joint,
     map: &FittedMap,
     (kind, leash): (Kind, &Leash),
     points: &[usize],
@@ -210,12 +183,12 @@ fn dense(
     format: Format,
 ) -> Result<Vec<u8>, Problem> {
     let n = points.len();
-    let mut matrix = factors.block(kind, points, &|| leash.holds())?;
+    let mut matrix = joint.block(kind, points, &|| leash.holds())?;
     let stencil = map.field.stencil();
     let unused = |k: usize| !stencil.is_active(points[k] % stencil.dimension());
     (0..n * n).filter(|k| unused(k / n) || unused(k % n)).for_each(|k| matrix[k] = f64::NAN);
     if format == NPZ {
-        let mut npz = NpzWriter::default();
+        let mut npz = NpzWriter::stored();
         npz.array("matrix", &[n, n], &matrix)?;
         return Ok(npz.finish()?);
     }

@@ -6,4 +6,5 @@ pub mod pictures;
 pub mod query;
 pub mod record;
 pub mod request;
+mod resumed;
 pub mod tiles;

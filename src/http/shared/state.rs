@@ -14,7 +14,7 @@ use super::rules::Rules;
 use crate::jobs::{Job, MapRecord};
 use crate::map::FittedMap;
 use crate::store::Quota;
-use crate::uncertainty::Factors;
+use crate::uncertainty::Joint;
 use crate::worker::Workshop;
 
 pub struct Service {
@@ -34,8 +34,8 @@ pub struct Service {
     maps: Cache<FittedMap>,
     /// Held while a map is loaded, so that many who ask for one at once load it once.
     loading: tokio::sync::Mutex<()>,
-    /// By map: what any entry of its covariance is formed from.
-    factors: Cache<Factors>,
+    /// By map: what blocks of its covariance are formed from.
+    pub joints: Cache<Joint>,
 }
 
 pub type AppState = Arc<Service>;
@@ -48,8 +48,10 @@ pub struct HttpLimits {
     /// Bytes of all request bodies that are held at once, and of all answers on their way.
     pub bodies: usize,
     pub answers: usize,
-    /// Bytes of loaded maps, and of factors, that are kept for the next request.
+    /// Bytes of loaded maps that are kept for the next request.
     pub cache: usize,
+    /// Bytes that are kept of what blocks of covariances are formed from.
+    pub joints: usize,
     /// How long an answer may take.
     pub patience: Duration,
     /// Open connections.
@@ -66,7 +68,8 @@ impl Default for HttpLimits {
             body: 64 << 20,
             bodies: 128 << 20,
             answers: 128 << 20,
-            cache: 256 << 20,
+            cache: 128 << 20,
+            joints: 128 << 20,
             patience: Duration::from_secs(60),
             connections: 8192,
             requests_a_second: None,
@@ -87,9 +90,9 @@ impl Service {
             compute: Compute::new(limits.patience),
             bodies: Ration::new(limits.bodies),
             answers: Ration::new(limits.answers),
-            maps: Cache::new(limits.cache / 2),
+            maps: Cache::new(limits.cache),
             loading: Default::default(),
-            factors: Cache::new(limits.cache / 2),
+            joints: Cache::new(limits.joints),
         }
     }
 
@@ -129,18 +132,9 @@ impl Service {
         Ok(map)
     }
 
-    /// What any entry of a map's covariance is formed from, where it was formed lately.
-    pub fn known_factors(&self, map_id: &str) -> Option<Arc<Factors>> {
-        self.factors.get(map_id)
-    }
-
-    pub fn keep_factors(&self, map_id: &str, factors: &Arc<Factors>) {
-        self.factors.keep(map_id, factors.clone(), factors.held_bytes());
-    }
-
     /// Forgets a deleted map.
     pub fn forget(&self, id: &str) {
         self.maps.forget(id);
-        self.factors.forget(id);
+        self.joints.forget(id);
     }
 }
