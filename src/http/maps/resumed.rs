@@ -1,0 +1,83 @@
+//! A map's fit, found again at its end: what is not stored with a map is formed from there.
+//!
+//! The job's request and the map together say where the fit ended; `fit::resume` assembles the system there. That takes
+//! about the memory that the fit took, so it is reserved from what fits share. What blocks of the covariance are formed
+//! from is kept for the next, in a cache bounded in bytes.
+
+use std::sync::Arc;
+
+use super::request::Wanted;
+use crate::fit::Estimate;
+use crate::http::shared::compute::{Leash, Queue, too_slow};
+use crate::http::shared::problem::Problem;
+use crate::jobs::JobRequest;
+use crate::map::FittedMap;
+use crate::uncertainty::{Factors, Joint};
+
+/// What a map's fit is found again from.
+struct Ended {
+    map: Arc<FittedMap>,
+    packed: Vec<u8>,
+}
+
+/// What blocks of the covariance are formed from, kept or formed now.
+pub async fn joint(wanted: &Wanted) -> Result<Arc<Joint>, Problem> {
+    let (state, id) = (wanted.state.clone(), wanted.record.id.clone());
+    if let Some(known) = state.joints.get(&id) {
+        return Ok(known);
+    }
+    let ended = Ended::of(wanted).await?;
+    let form = move |leash: &Leash| {
+        // Whoever was ahead in the queue may have formed it.
+        if let Some(known) = state.joints.get(&id) {
+            return Ok(known);
+        }
+        let formed = ended.with_estimate(&state.workshop, leash, |estimate| {
+            Joint::of(estimate, &|_| leash.holds()).map_err(|error| Problem::internal(&error))
+        })?;
+        let formed = Arc::new(formed);
+        state.joints.keep(&id, formed.clone(), formed.held_bytes());
+        Ok(formed)
+    };
+    wanted.state.compute.run(Queue::Heavy, form).await
+}
+
+/// An answer made from what any entry of the covariance is formed from.
+pub async fn from_factors(
+    wanted: &Wanted,
+    make: impl FnOnce(Factors) -> Result<Vec<u8>, Problem> + Send + 'static,
+) -> Result<Vec<u8>, Problem> {
+    let ended = Ended::of(wanted).await?;
+    let workshop = wanted.state.workshop.clone();
+    let form = move |leash: &Leash| {
+        ended.with_estimate(&workshop, leash, |mut estimate| {
+            make(Factors::of(&mut estimate).map_err(|error| Problem::internal(&error))?)
+        })
+    };
+    wanted.state.compute.run(Queue::Heavy, form).await
+}
+
+impl Ended {
+    async fn of(wanted: &Wanted) -> Result<Self, Problem> {
+        let (state, record) = (&wanted.state, &wanted.record);
+        let packed = state.workshop.records.request(&wanted.caller.tenant, &record.job_id).await?;
+        let packed =
+            packed.ok_or_else(|| Problem::not_found("the map's job is gone, and with it what this is formed from"))?;
+        Ok(Self { map: state.load(record).await?, packed })
+    }
+
+    /// What `form` makes of the fit's end, within the memory that fits share.
+    fn with_estimate<T>(
+        &self,
+        workshop: &crate::worker::Workshop,
+        leash: &Leash,
+        form: impl FnOnce(Estimate) -> Result<T, Problem>,
+    ) -> Result<T, Problem> {
+        let json = zstd::decode_all(&self.packed[..]).map_err(|error| Problem::internal(&error))?;
+        let request = JobRequest::parse(&json, &workshop.limits).map_err(|error| Problem::internal(&error))?;
+        drop(json);
+        let (_, cost) = request.cost(&|| leash.holds()).ok_or_else(too_slow)?;
+        let _held = workshop.reserve(cost.bytes as u64, &|| leash.holds()).ok_or_else(too_slow)?;
+        form(request.resume(&self.map).map_err(|error| Problem::internal(&error))?)
+    }
+}

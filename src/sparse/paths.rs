@@ -1,0 +1,219 @@
+//! Entries of the inverse, and of the sandwich, between any few unknowns: a walk up the elimination tree.
+//!
+//! `H = L L^T` gives `(H^-1)_ww = V^T V` with `V = L^-1 E_w`, and a column of `V` is zero but on its unknown's path to the
+//! root of the elimination tree (Gilbert and Peierls 1988). The paths of a window meet soon, in separators that grow
+//! like the map's side, so a window of a large map costs what those separators do, not what the map does.
+//!
+//! The sandwich `S = H^-1 G H^-1` is `-d/dt (H + t G)^-1` at `t = 0` (see `selected`), so it needs the same walk in dual
+//! numbers and nothing off the paths. For a supernode with factor `L11`, `L21`, the elimination's derivative
+//! `G11`, `G21` and what its children left of the right-hand sides, `u` and `du`:
+//!
+//! ```text
+//! v = L11^-1 u,  z = L11^-T v,  q = L11^-1 G11 z,  dv = L11^-1 du
+//! H^-1 += v^T v,                S -= v^T dv + dv^T v - v^T q
+//! u2   -= L21 v,                du2 -= L21 (dv - q) + G21 z        rows below
+//! ```
+
+use faer::linalg::matmul::matmul;
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
+use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
+use faer::{Accum, Mat, MatMut, MatRef, Par};
+
+use super::cholesky::Cholesky;
+use super::error::SparseError;
+use super::panels::Panels;
+use super::selected::eliminate_derivative;
+use super::system::SystemMatrix;
+
+/// A factor and the derivative of its elimination along `G`; see the module.
+pub struct Paths {
+    cholesky: Cholesky,
+    derivative: Vec<f64>,
+}
+
+/// Whose entries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Of {
+    /// `H^-1`.
+    Inverse,
+    /// `H^-1 G H^-1`.
+    Sandwich,
+}
+
+impl Paths {
+    /// From the factor of `H`, and `G` on its pattern. `go_on` is told how far it is and says whether to go on.
+    pub fn of(cholesky: Cholesky, g: &SystemMatrix, go_on: &dyn Fn(f64) -> bool) -> Result<Self, SparseError> {
+        let (factor, inverse) = cholesky.supernodes()?;
+        let derivative = eliminate_derivative(factor, g, inverse, go_on)?.into_values();
+        Ok(Self { cholesky, derivative })
+    }
+
+    /// Bytes it holds in memory.
+    pub fn held_bytes(&self) -> usize {
+        8 * (self.cholesky.fill() + self.derivative.len() + 4 * self.cholesky.dimension())
+    }
+
+    /// The dense entries between some unknowns, each named once, in their order. `go_on` says whether to go on.
+    pub fn between(&self, unknowns: &[usize], of: Of, go_on: &dyn Fn() -> bool) -> Result<Mat<f64>, SparseError> {
+        let (factor, inverse) = self.cholesky.supernodes()?;
+        let symbolic = factor.symbolic();
+        let derivative = Panels::holding(symbolic, &self.derivative);
+        let mut order: Vec<usize> = (0..unknowns.len()).collect();
+        order.sort_unstable_by_key(|&k| inverse[unknowns[k]]);
+        let steps: Vec<usize> = order.iter().map(|&k| inverse[unknowns[k]]).collect();
+        let walk = Walk::of(symbolic, &derivative.owner, &steps);
+        let mut sides = Sides::start(&walk, &derivative.owner, symbolic, &steps);
+        for visit in &walk.visits {
+            if !go_on() {
+                return Err(SparseError::Stopped);
+            }
+            let panel = factor.supernode(visit.supernode).val();
+            let l = panel.split_at_row(panel.ncols());
+            let v = sides.pass(visit, l);
+            if of == Of::Sandwich {
+                sides.pass_derivative(visit, l, derivative.blocks(visit.supernode), v);
+            } else {
+                sides.add_square(visit, v);
+            }
+        }
+        let mut back = vec![0; unknowns.len()];
+        order.iter().enumerate().for_each(|(sorted, &asked)| back[asked] = sorted);
+        let sum = sides.sum;
+        let entry = |a: usize, b: usize| match of {
+            Of::Inverse => sum[(a.max(b), a.min(b))],
+            Of::Sandwich => -sum[(a, b)] - sum[(b, a)],
+        };
+        Ok(Mat::from_fn(back.len(), back.len(), |a, b| entry(back[a], back[b])))
+    }
+}
+
+/// A supernode on a path: where its rows lie among all paths' rows, and which columns may not be zero there.
+struct Visit {
+    supernode: usize,
+    /// The places of its own rows.
+    first: usize,
+    width: usize,
+    /// The places of the rows below.
+    below: Vec<usize>,
+    /// Columns, by the order of elimination.
+    columns: std::ops::Range<usize>,
+}
+
+/// The supernodes on the paths, children before parents.
+struct Walk {
+    visits: Vec<Visit>,
+    rows: usize,
+    /// By supernode: the place of its first row.
+    firsts: Vec<usize>,
+}
+
+impl Walk {
+    fn of(symbolic: &SymbolicSupernodalCholesky<usize>, owner: &[usize], steps: &[usize]) -> Self {
+        let mut columns: Vec<Option<(usize, usize)>> = vec![None; symbolic.n_supernodes()];
+        let widen = |range: &mut Option<(usize, usize)>, (low, high): (usize, usize)| {
+            *range = Some(range.map_or((low, high), |(a, b)| (a.min(low), b.max(high))));
+        };
+        steps.iter().enumerate().for_each(|(k, &step)| widen(&mut columns[owner[step]], (k, k + 1)));
+        let (mut firsts, mut rows) = (vec![0; symbolic.n_supernodes()], 0);
+        for s in 0..symbolic.n_supernodes() {
+            let Some(range) = columns[s] else { continue };
+            firsts[s] = rows;
+            rows += symbolic.supernode_end()[s] - symbolic.supernode_begin()[s];
+            if let Some(&parent) = symbolic.supernode(s).pattern().first() {
+                widen(&mut columns[owner[parent]], range);
+            }
+        }
+        let place = |&step: &usize| firsts[owner[step]] + step - symbolic.supernode_begin()[owner[step]];
+        let visit = |(s, range): (usize, &Option<(usize, usize)>)| {
+            let (low, high) = (*range)?;
+            Some(Visit {
+                supernode: s,
+                first: firsts[s],
+                width: symbolic.supernode_end()[s] - symbolic.supernode_begin()[s],
+                below: symbolic.supernode(s).pattern().iter().map(place).collect(),
+                columns: low..high,
+            })
+        };
+        let visits = columns.iter().enumerate().filter_map(visit).collect();
+        Self { visits, rows, firsts }
+    }
+}
+
+/// The right-hand sides on the paths and their derivative, and what they add up to: of the inverse the lower triangle, of
+/// the sandwich minus one half, to be added to its transpose.
+struct Sides {
+    u: Mat<f64>,
+    du: Mat<f64>,
+    sum: Mat<f64>,
+}
+
+type Blocks<'a> = (MatRef<'a, f64>, MatRef<'a, f64>);
+
+impl Sides {
+    fn start(walk: &Walk, owner: &[usize], symbolic: &SymbolicSupernodalCholesky<usize>, steps: &[usize]) -> Self {
+        let count = steps.len();
+        let mut u = Mat::zeros(walk.rows, count);
+        for (column, &step) in steps.iter().enumerate() {
+            let s = owner[step];
+            u[(walk.firsts[s] + step - symbolic.supernode_begin()[s], column)] = 1.0;
+        }
+        Self { u, du: Mat::zeros(walk.rows, count), sum: Mat::zeros(count, count) }
+    }
+
+    /// A supernode's `v`, taken from the rows below.
+    fn pass(&mut self, visit: &Visit, (l11, l21): Blocks<'_>) -> Mat<f64> {
+        let mut v = visit.own_rows(&self.u);
+        solve_lower_triangular_in_place(l11, v.as_mut(), Par::Seq);
+        take(self.u.as_mut(), visit, times(l21, v.as_ref()).as_ref());
+        v
+    }
+
+    fn add_square(&mut self, visit: &Visit, v: Mat<f64>) {
+        let (lower, whole) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
+        let into = visit.square(&mut self.sum);
+        triangular::matmul(into, lower, Accum::Add, v.transpose(), whole, v.as_ref(), whole, 1.0, Par::Seq);
+    }
+
+    fn pass_derivative(&mut self, visit: &Visit, (l11, l21): Blocks<'_>, (g11, g21): Blocks<'_>, v: Mat<f64>) {
+        let mut dv = visit.own_rows(&self.du);
+        solve_lower_triangular_in_place(l11, dv.as_mut(), Par::Seq);
+        let mut z = v.clone();
+        solve_upper_triangular_in_place(l11.transpose(), z.as_mut(), Par::Seq);
+        let mut q = times(g11, z.as_ref());
+        solve_lower_triangular_in_place(l11, q.as_mut(), Par::Seq);
+        q *= faer::Scale(0.5);
+        dv -= &q;
+        matmul(visit.square(&mut self.sum), Accum::Add, v.transpose(), dv.as_ref(), 1.0, Par::Seq);
+        dv -= q;
+        let mut change = times(l21, dv.as_ref());
+        matmul(change.as_mut(), Accum::Add, g21, z.as_ref(), 1.0, Par::Seq);
+        take(self.du.as_mut(), visit, change.as_ref());
+    }
+}
+
+impl Visit {
+    fn own_rows(&self, of: &Mat<f64>) -> Mat<f64> {
+        of.submatrix(self.first, self.columns.start, self.width, self.columns.len()).to_owned()
+    }
+
+    fn square<'a>(&self, of: &'a mut Mat<f64>) -> MatMut<'a, f64> {
+        let (start, count) = (self.columns.start, self.columns.len());
+        of.submatrix_mut(start, start, count, count)
+    }
+}
+
+/// Takes a change of the rows below from them.
+fn take(mut from: MatMut<'_, f64>, visit: &Visit, change: MatRef<'_, f64>) {
+    for (k, column) in visit.columns.clone().enumerate() {
+        for (row, &place) in visit.below.iter().enumerate() {
+            from[(place, column)] -= change[(row, k)];
+        }
+    }
+}
+
+fn times(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
+    let mut out = Mat::zeros(a.nrows(), b.ncols());
+    matmul(out.as_mut(), Accum::Replace, a, b, 1.0, Par::Seq);
+    out
+}
