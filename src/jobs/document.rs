@@ -23,6 +23,10 @@ pub enum DocumentError {
 
 /// A value that is no number costs as much as this many that are.
 const COST_OF_A_NODE: usize = 8;
+/// What a member of an object costs besides its value, with a short name.
+const COST_OF_A_MEMBER: usize = 6;
+/// What a number or a null costs more where it is not among its like alone.
+const COST_AMONG_OTHERS: usize = 3;
 
 /// A JSON value.
 #[derive(Debug, Clone, PartialEq)]
@@ -136,10 +140,12 @@ impl<'de> Visitor<'de> for Seed<'_> {
                 Node::Number(value) => numbers.push(value),
                 Node::Null => numbers.push(f64::NAN),
                 other => {
+                    self.spend(COST_AMONG_OTHERS.saturating_mul(numbers.len()))?;
                     let number = |v: f64| if v.is_nan() { Node::Null } else { Node::Number(v) };
                     let mut nodes: Vec<Node> = numbers.into_iter().map(number).collect();
                     nodes.push(other);
                     while let Some(node) = seq.next_element_seed(self.again())? {
+                        self.spend(COST_AMONG_OTHERS)?;
                         nodes.push(node);
                     }
                     return Ok(Node::Array(nodes));
@@ -153,6 +159,7 @@ impl<'de> Visitor<'de> for Seed<'_> {
         self.spend(COST_OF_A_NODE)?;
         let mut members = Vec::new();
         while let Some(key) = map.next_key::<String>()? {
+            self.spend(COST_OF_A_MEMBER + key.len() / size_of::<f64>())?;
             members.push((key, map.next_value_seed(self.again())?));
         }
         Ok(Node::Object(members))
@@ -181,5 +188,7 @@ mod tests {
         assert!(Node::parse("[".repeat(200).as_bytes(), 1000).is_err());
         assert!(matches!(Node::parse(b"[1,2,3,4]", 11), Err(DocumentError::TooLarge { .. })));
         assert!(Node::parse(b"[1,2,3,4]", 12).is_ok());
+        let members = (0..100).map(|k| format!("\"{k}\":null")).collect::<Vec<_>>().join(",");
+        assert!(Node::parse(format!("{{{members}}}").as_bytes(), 700).is_err(), "members are not free");
     }
 }

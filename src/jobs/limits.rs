@@ -20,6 +20,6 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { control_points: 200_000, scans: 20_000, beams_a_scan: 100_000, values: 8_000_000 }
+        Self { control_points: 200_000, scans: 20_000, beams_a_scan: 100_000, values: 10_000_000 }
     }
 }

@@ -8,6 +8,10 @@
 //! other one, and is ordered last in the part where it stays: after every point it touches there, and beside the
 //! separators it touches above. So no pose fills in more than its own view does, and whatever sees one point is coupled
 //! in the factor.
+//!
+//! Poses that stay in one part are all coupled with each other. Where that would take more than coupling all points of the
+//! part does, they are a crowd: the part's poses come first, and its points follow as they stand. So thousands of scans
+//! from one room cost what the room's points do.
 
 /// Grid rows that separate two halves: the reach of the stencil.
 const SEPARATOR: usize = 3;
@@ -49,22 +53,40 @@ impl Part {
     }
 }
 
-/// An elimination order for an `nx x ny` grid and the poses that see the points in `views`.
-pub fn order(size: [usize; 2], views: &[&[usize]]) -> Vec<Step> {
+/// Unknowns of a pose.
+const POSE: usize = 3;
+
+/// An elimination order for an `nx x ny` grid, with so many unknowns a point, and the poses that see the points in `views`.
+pub fn order(size: [usize; 2], components: usize, views: &[&[usize]]) -> Vec<Step> {
     let mut order = Vec::with_capacity(size[0] * size[1] + views.len());
     let place = |point: &usize| [point % size[0], point / size[0]];
     let poses = views.iter().map(|view| view.iter().map(place).collect()).enumerate().collect();
-    dissect(Part { first: [0, 0], size }, poses, size[0], &mut order);
+    let grid = Grid { row: size[0], components };
+    dissect(Part { first: [0, 0], size }, poses, grid, &mut order);
     order
 }
 
 type View = (usize, Vec<[usize; 2]>);
 
-fn dissect(part: Part, poses: Vec<View>, row: usize, order: &mut Vec<Step>) {
+#[derive(Clone, Copy)]
+struct Grid {
+    row: usize,
+    components: usize,
+}
+
+impl Grid {
+    /// Whether so many poses would couple more unknowns than a part's points are.
+    fn is_crowd(&self, poses: usize, part: Part) -> bool {
+        POSE * poses > self.components * part.size[0] * part.size[1]
+    }
+}
+
+fn dissect(part: Part, poses: Vec<View>, grid: Grid, order: &mut Vec<Step>) {
+    let steps = |poses: Vec<View>| poses.into_iter().map(|(pose, _)| Step::Pose(pose));
     let axis = usize::from(part.size[1] > part.size[0]);
     if part.size[axis] <= LEAF {
-        order.extend(part.points(row));
-        order.extend(poses.into_iter().map(|(pose, _)| Step::Pose(pose)));
+        let (first, last) = if grid.is_crowd(poses.len(), part) { (poses, Vec::new()) } else { (Vec::new(), poses) };
+        order.extend(steps(first).chain(part.points(grid.row)).chain(steps(last)));
         return;
     }
     let lower = (part.size[axis] - SEPARATOR) / 2;
@@ -77,11 +99,14 @@ fn dissect(part: Part, poses: Vec<View>, row: usize, order: &mut Vec<Step>) {
             _ => here.push((pose, view)),
         }
     }
-    for (half, own) in halves.into_iter().zip(below) {
-        dissect(half, own, row, order);
+    if grid.is_crowd(here.len(), part) {
+        order.extend(below.into_iter().chain([here]).flat_map(steps).chain(part.points(grid.row)));
+        return;
     }
-    order.extend(part.piece(axis, lower, SEPARATOR).points(row));
-    order.extend(here.into_iter().map(|(pose, _)| Step::Pose(pose)));
+    for (half, own) in halves.into_iter().zip(below) {
+        dissect(half, own, grid, order);
+    }
+    order.extend(part.piece(axis, lower, SEPARATOR).points(grid.row).chain(steps(here)));
 }
 
 /// What a pose sees of a part.
@@ -100,7 +125,7 @@ mod tests {
             let n = size[0] * size[1];
             let views: Vec<Vec<usize>> = (0..5).map(|k| (0..n).skip(k).step_by(3 + k).take(20).collect()).collect();
             let views: Vec<&[usize]> = views.iter().map(Vec::as_slice).collect();
-            let order = order(size, &views);
+            let order = order(size, 1, &views);
             let mut points: Vec<usize> =
                 order.iter().filter_map(|s| if let Step::Point(p) = s { Some(*p) } else { None }).collect();
             points.sort_unstable();
@@ -110,10 +135,24 @@ mod tests {
     }
 
     #[test]
+    fn a_crowd_of_poses_comes_before_all_it_sees() {
+        let size = [20, 20];
+        let views: Vec<Vec<usize>> = (0..500).map(|k| vec![(7 * k) % 400, (7 * k + 1) % 400]).collect();
+        let views: Vec<&[usize]> = views.iter().map(Vec::as_slice).collect();
+        for (count, crowd) in [(500, true), (5, false)] {
+            let order = order(size, 1, &views[..count]);
+            let at = |step: Step| order.iter().position(|s| *s == step).unwrap();
+            let first = (0..count).filter(|&pose| at(Step::Pose(pose)) < at(Step::Point(views[pose][0]))).count();
+            assert!(if crowd { first > 400 } else { first == 0 }, "{first} of {count}");
+            assert_eq!(order.len(), 400 + count);
+        }
+    }
+
+    #[test]
     fn a_pose_comes_after_all_it_sees() {
         let size = [40, 30];
         let view: Vec<usize> = (3..9).flat_map(|j| (4..12).map(move |i| i + j * 40)).collect();
-        let order = order(size, &[&view]);
+        let order = order(size, 1, &[&view]);
         let at = |step: Step| order.iter().position(|s| *s == step).unwrap();
         let pose = at(Step::Pose(0));
         // It stays where it is seen: far from the end.

@@ -228,7 +228,7 @@ impl Pattern {
     fn elimination_order(&self) -> Vec<usize> {
         let (n, first_pose) = (self.stencil.dimension(), self.coefficients());
         let views: Vec<&[usize]> = (0..self.views.poses()).map(|pose| self.views.view(pose)).collect();
-        let unknowns = order(self.stencil.size(), &views).into_iter().flat_map(|step| match step {
+        let unknowns = order(self.stencil.size(), self.components, &views).into_iter().flat_map(|step| match step {
             Step::Point(point) => (point..self.coefficients()).step_by(n),
             Step::Pose(pose) => (first_pose + 3 * pose..first_pose + 3 * pose + 3).step_by(1),
         });
