@@ -3,8 +3,12 @@
 use super::Distance;
 use super::options::FitOptions;
 use super::vector::DEFAULT_BAND;
-use crate::scan::{Evidence, LaserScan, returns_of};
+use crate::scan::{Evidence, LaserScan, Return, returns_of};
+use crate::sparse::dissection::entries_of_poses;
 use crate::spline::Lattice;
+
+/// A cell's control points reach so far beyond its own.
+const REACH: usize = 3;
 
 /// How large a fit is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,6 +17,8 @@ pub struct Footprint {
     pub control_points: usize,
     pub scans: usize,
     pub returns: usize,
+    /// Entries of the factor between poses, about.
+    pub pose_entries: usize,
 }
 
 /// The footprint of a fit. Where poses are so uncertain that a vector fit reaches farther than its usual band, it uses
@@ -37,5 +43,20 @@ pub fn footprint(
             active.into_iter().filter(|active| *active).count()
         }
     };
-    Some(Footprint { control_points, scans: scans.len(), returns: returns_of(scans).len() })
+    let returns = returns_of(scans);
+    let pose_entries = entries_of_poses(lattice.control_points(), distance.components(), seen(lattice, &returns));
+    Some(Footprint { control_points, scans: scans.len(), returns: returns.len(), pose_entries: pose_entries as usize })
+}
+
+/// Of every scan with a return, the corners of the control points that its returns tell of.
+fn seen<'a>(lattice: &'a Lattice, returns: &'a [Return]) -> impl Iterator<Item = [[usize; 2]; 4]> + 'a {
+    returns.chunk_by(|a, b| a.scan == b.scan).filter_map(|scan| {
+        let cells = scan.iter().filter_map(|return_| lattice.locate(return_.point)).map(|at| at.cell);
+        let (low, high) = cells.fold(None, |span: Option<([usize; 2], [usize; 2])>, cell| {
+            let (low, high) = span.unwrap_or((cell, cell));
+            Some(([0, 1].map(|k| low[k].min(cell[k])), [0, 1].map(|k| high[k].max(cell[k]))))
+        })?;
+        let high = high.map(|last| last + REACH);
+        Some([low, [high[0], low[1]], [low[0], high[1]], high])
+    })
 }

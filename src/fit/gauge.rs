@@ -23,7 +23,7 @@ use nalgebra::{DMatrix, Matrix3};
 use super::viewpoint::Viewpoint;
 
 /// Stiff beside the information that scans hold about their poses, in units of the prior's; soft beside rounding.
-pub(super) const STIFFNESS: f64 = 1e6;
+pub(crate) const STIFFNESS: f64 = 1e6;
 
 /// A root whose determinant is below this share of its norm's cube is singular.
 const SINGULAR: f64 = 1e-12;

@@ -81,7 +81,10 @@ impl JobRequest {
     /// What the map takes at most: as if all of the lattice were in use, and every beam had a return.
     pub fn most(&self) -> Cost {
         let returns = self.scans.iter().map(|scan| scan.ranges.len()).sum();
-        let most = Footprint { control_points: self.lattice.len(), scans: self.scans.len(), returns };
+        let scans = self.scans.len();
+        // As if every scan saw every other's surroundings.
+        let pose_entries = (3 * scans).pow(2) / 2;
+        let most = Footprint { control_points: self.lattice.len(), scans, returns, pose_entries };
         map::cost(self.distance, &most)
     }
 

@@ -233,7 +233,7 @@ fn write_columns(npz: &mut NpzWriter, name: &str, columns: &CompressedColumns) -
 const LARGEST_REDUCED: usize = 12_000_000;
 
 /// Hessian and inputs on the control points alone, or, where that would be too much, bordered: control points first,
-/// then `pose_unknowns` more.
+/// then `pose_unknowns` more: the poses', and three of their common motion.
 pub fn factors_npz(factors: &Factors) -> Result<Vec<u8>, NpzError> {
     let ExportedFactors { hessian, inputs } = factors.exported(LARGEST_REDUCED);
     let mut npz = NpzWriter::default();

@@ -44,6 +44,9 @@ const VECTOR: Rates = Rates {
 };
 /// What any process holds beside.
 const BASE: f64 = 8e6;
+/// Bytes an entry of the factor between poses: the factor, the elimination's derivative, both selected inverses, and the
+/// fronts that they are formed in.
+const BYTES_A_POSE_ENTRY: f64 = 48.0;
 
 /// What a map of this footprint costs.
 pub fn cost(distance: Distance, footprint: &Footprint) -> Cost {
@@ -52,6 +55,9 @@ pub fn cost(distance: Distance, footprint: &Footprint) -> Cost {
     let doublings = (n / SMALL).max(1.0).log2();
     Cost {
         seconds: rates.linear * n + rates.steep * n.powf(1.5) + rates.a_return * returns,
-        bytes: BASE + n * (rates.bytes + rates.bytes_a_doubling * doublings) + returns * rates.bytes_a_return,
+        bytes: BASE
+            + n * (rates.bytes + rates.bytes_a_doubling * doublings)
+            + returns * rates.bytes_a_return
+            + footprint.pose_entries as f64 * BYTES_A_POSE_ENTRY,
     }
 }

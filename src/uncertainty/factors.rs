@@ -6,7 +6,8 @@
 //! H' = H - K P^-1 K^T,   B' = B_c - K P^-1 B_e
 //! ```
 //!
-//! with the common motion's share of the posterior put in, so that `2 H'^-1` is that, too; else they are three unknowns each behind the coefficients; known poses are columns of `B`.
+//! with the common motion's share of the posterior put in, so that `2 H'^-1` is that, too; else they are three unknowns each behind the coefficients,
+//! and the common motion three more ([`Factors::bordered`]); known poses are columns of `B`.
 
 use std::collections::BTreeMap;
 
@@ -108,24 +109,36 @@ impl Factors {
         Mat::from_fn(unknowns, unknowns, |a, b| spring[(a, b)] + if a == b { self.prior } else { 0.0 })
     }
 
+    /// With the poses, and the common motion by three unknowns more, so that nothing is dense:
+    ///
+    /// ```text
+    /// H = [ M0           s U ]      s^2 = 2 kappa: eliminating the three gives M0 + 2 kappa U U^T
+    ///     [ s U^T         -I ]
+    /// B B^T = inputs + p^2 I + (4 kappa p + 4 kappa^2) U U^T        U orthonormal
+    /// ```
+    ///
+    /// `H` is indefinite then, and its inverse's rows of coefficients what they were.
     fn bordered(&self) -> ExportedFactors {
         let (n, unknowns) = (self.coefficients(), self.system.gradient.len());
-        let mut columns = self.columns();
-        let reports = self.reports();
-        for (a, b) in (0..unknowns - n).flat_map(|a| (0..unknowns - n).map(move |b| (a, b))) {
-            let spring = reports[(a, b)] - if a == b { self.prior } else { 0.0 };
-            if spring != 0.0 {
-                *columns[n + b].entry(n + a).or_default() += spring;
-            }
+        let gauge = &self.system.gauge;
+        let modes = gauge.ncols();
+        let mut columns: Vec<Vec<(usize, f64)>> = self.columns().into_iter().map(|c| c.into_iter().collect()).collect();
+        let spring = (2.0 * gauge::STIFFNESS).sqrt();
+        for (pose, mode) in (0..unknowns - n).flat_map(|pose| (0..modes).map(move |mode| (pose, mode))) {
+            columns[n + pose].push((unknowns + mode, spring * gauge[(pose, mode)]));
         }
-        let mut inputs = self.inputs.clone();
-        for b in 0..unknowns - n {
-            inputs.push((0..unknowns - n).map(|a| (n + a, reports[(a, b)])).filter(|(_, v)| *v != 0.0));
+        for mode in 0..modes {
+            let ties = (0..unknowns - n).map(|pose| (n + pose, spring * gauge[(pose, mode)]));
+            columns.push(ties.chain([(unknowns + mode, -1.0)]).collect());
         }
-        ExportedFactors {
-            hessian: CompressedColumns::of(unknowns, columns.into_iter().map(|c| c.into_iter().collect())),
-            inputs,
+        let mut inputs = CompressedColumns::new(unknowns + modes);
+        (0..self.inputs.columns()).for_each(|k| inputs.push(self.inputs.column(k)));
+        (n..unknowns).for_each(|pose| inputs.push([(pose, self.prior)]));
+        let common = (4.0 * gauge::STIFFNESS * (self.prior + gauge::STIFFNESS)).sqrt();
+        for mode in 0..modes {
+            inputs.push((0..unknowns - n).map(|pose| (n + pose, common * gauge[(pose, mode)])));
         }
+        ExportedFactors { hessian: CompressedColumns::of(unknowns + modes, columns), inputs }
     }
 
     /// The share `R R^T` of the posterior that is the common motion's, as a change of the eliminated Hessian, so that its
