@@ -6,7 +6,8 @@ use clap::{Args, Subcommand, ValueEnum};
 use serde_json::json;
 
 use super::CliError;
-use super::serve::{open_records, runtime};
+use super::serve::runtime;
+use super::stores::open_records;
 use crate::access::new_key;
 use crate::http::shared::Scope;
 use crate::http::shared::page::timestamp;

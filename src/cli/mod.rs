@@ -8,6 +8,7 @@ mod keys;
 mod reproduce;
 mod resources;
 mod serve;
+mod stores;
 mod submit;
 
 use std::io::IsTerminal;

@@ -10,9 +10,10 @@ use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 
 use super::CliError;
+use super::stores::{Database, Stores};
 use crate::http::{Faces, HttpLimits, listener, router};
 use crate::jobs::Limits;
-use crate::store::{Artifacts, PostgresStore, Quota, Records, SqliteStore};
+use crate::store::Quota;
 use crate::worker::webhooks::Allowed;
 use crate::worker::{Rules, Solvers, Workshop};
 
@@ -23,8 +24,6 @@ const METRICS_CONNECTIONS: usize = 64;
 /// Of `--memory`: one part in so many is kept of what blocks of covariances are formed from, within these bytes.
 const SHARE_OF_JOINTS: u64 = 8;
 const JOINTS: (u64, u64) = (32 << 20, 2 << 30);
-/// To a PostgreSQL server, a process.
-const DATABASE_CONNECTIONS: u32 = 16;
 
 #[derive(Debug, Args)]
 pub struct Serve {
@@ -62,13 +61,8 @@ pub struct Work {
 /// Where data lives and how much work is done at once.
 #[derive(Debug, Clone, Args)]
 pub struct House {
-    /// The folder of the database and the maps; it is made where it is missing.
-    #[arg(long, env = "MAPFIT_DATA", default_value = "mapfit-data")]
-    pub data: PathBuf,
-    /// The database, for several servers and workers on one: postgres://USER@HOST/NAME. Without it, a file under the data
-    /// folder.
-    #[arg(long, env = "MAPFIT_DATABASE_URL", hide_env_values = true)]
-    pub database_url: Option<String>,
+    #[command(flatten)]
+    pub stores: Stores,
     /// Solver threads; 0 serves only. One a core by default.
     #[arg(long, env = "MAPFIT_WORKERS")]
     pub workers: Option<usize>,
@@ -101,8 +95,7 @@ impl House {
     pub fn in_folder(data: PathBuf, max_control_points: usize) -> Self {
         let usual = Rules::default();
         Self {
-            data,
-            database_url: None,
+            stores: Stores::in_folder(data),
             max_control_points,
             workers: None,
             memory: None,
@@ -131,8 +124,8 @@ impl House {
     }
 
     async fn open(&self) -> Result<Arc<Workshop>, CliError> {
-        let records = open_records(&self.data, self.database_url.as_deref()).await?;
-        let artifacts = Artifacts::in_folder(&self.data.join("artifacts"))?;
+        let records = self.stores.records().await?;
+        let artifacts = self.stores.artifacts()?;
         let limits = Limits { control_points: self.max_control_points, ..Limits::default() };
         let workshop = Workshop::new(records.ports(), artifacts, limits, self.rules())?;
         if let Database::Postgres(store) = records {
@@ -145,37 +138,6 @@ impl House {
             });
         }
         Ok(workshop)
-    }
-}
-
-/// Where the records are.
-pub(super) enum Database {
-    Sqlite(Arc<SqliteStore>),
-    Postgres(Arc<PostgresStore>),
-}
-
-impl Database {
-    pub fn ports(&self) -> Arc<dyn Records> {
-        match self {
-            Self::Sqlite(store) => store.clone(),
-            Self::Postgres(store) => store.clone(),
-        }
-    }
-}
-
-/// The records in a database, or under a data folder, which is made where it is missing.
-pub(super) async fn open_records(data: &Path, database_url: Option<&str>) -> Result<Database, CliError> {
-    // What robots saw is nobody else's on this machine.
-    let mut private = std::fs::DirBuilder::new();
-    std::os::unix::fs::DirBuilderExt::mode(private.recursive(true), 0o700);
-    let folder = data.display();
-    private.create(data).map_err(CliError::io(format!("the data folder {folder} cannot be made")))?;
-    match database_url {
-        None => Ok(Database::Sqlite(Arc::new(SqliteStore::open(&data.join("mapfit.sqlite")).await?))),
-        Some(url) if url.starts_with("postgres://") || url.starts_with("postgresql://") => {
-            Ok(Database::Postgres(Arc::new(PostgresStore::open(url, DATABASE_CONNECTIONS).await?)))
-        }
-        Some(_) => Err(CliError::Usage("--database-url must begin with postgres://".into())),
     }
 }
 
@@ -208,7 +170,7 @@ impl Work {
         let runtime = runtime()?;
         let workshop = runtime.block_on(self.house.open())?;
         let solvers = start_solvers(&workshop, self.house.worker_count().max(1), &runtime)?;
-        tracing::info!(data = %self.house.data.display(), "working");
+        tracing::info!("working");
         runtime.block_on(stop_signal());
         solvers.drain(GRACE);
         Ok(())

@@ -27,7 +27,7 @@ mod webhooks;
 
 use thiserror::Error;
 
-pub use artifacts::{Artifacts, ArtifactsError};
+pub use artifacts::{Artifacts, ArtifactsError, MAP_FILE};
 pub use board::{Cancellation, JobBoard, Listing, NewJob, Quota, Relabelling, Removal, Submission};
 pub use housekeeping::{Holdings, Housekeeping, Judge};
 pub use keys::{ApiKey, Keys, NewKey};

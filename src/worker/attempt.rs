@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use bytes::Bytes;
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 use tokio::runtime::Handle;
@@ -16,11 +17,17 @@ use crate::fit::FitError;
 use crate::jobs::lifecycle::{MAX_ATTEMPTS, backoff, runs_again};
 use crate::jobs::{JobRequest, MapRecord, ProblemReport, Progress, RequestError};
 use crate::map::{ArchiveError, FittedMap, MapError, Stage, Step, SurveyError};
-use crate::store::{Artifacts, ArtifactsError, Claim, StoreError};
+use crate::store::{Artifacts, ArtifactsError, Claim, MAP_FILE, StoreError};
 use crate::uncertainty::UncertaintyError;
 
 /// How often the lease is renewed and progress carried to the store.
 const HEARTBEAT: Duration = Duration::from_millis(500);
+/// How long a finished fit is kept for an artifact store that is away, and how often it is tried: longer than a restart
+/// takes. Fitting anew would cost more, and one of few attempts.
+const STORED_WITHIN: Duration = Duration::from_secs(120);
+const STORED_AGAIN: Duration = Duration::from_secs(1);
+/// How often somebody who waits looks whether it was told to stop.
+const LOOK: Duration = Duration::from_millis(50);
 
 #[derive(Debug, Error)]
 enum AttemptError {
@@ -87,8 +94,9 @@ pub(super) fn run(workshop: &Arc<Workshop>, runtime: &Handle, claim: Claim) {
     let clock = Arc::new(Clock::new(workshop.rules.attempt_within));
     let watched = (progress.clone(), clock.clone());
     let heart = runtime.spawn(keep_lease(workshop.clone(), id.clone(), attempt, watched, stop.clone()));
+    let prefix = Artifacts::of_attempt(&id, attempt);
     // A panic in the numerics costs this attempt, not the solver thread.
-    let work = std::panic::AssertUnwindSafe(|| work(workshop, runtime, &claim, (&progress, &clock), &stop));
+    let work = std::panic::AssertUnwindSafe(|| work(workshop, runtime, (&claim, &prefix), (&progress, &clock), &stop));
     let mut outcome = std::panic::catch_unwind(work).unwrap_or_else(|panic| {
         let text = panic.downcast_ref::<String>().cloned();
         let text = text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
@@ -104,14 +112,14 @@ pub(super) fn run(workshop: &Arc<Workshop>, runtime: &Handle, claim: Claim) {
             workshop.metrics.attempt_ended("successful");
             workshop.hooks.notify_one();
         }
-        Err(error) => runtime.block_on(settle(workshop, &claim, &error)),
+        Err(error) => runtime.block_on(settle(workshop, &claim, &prefix, &error)),
     }
 }
 
 fn work(
     workshop: &Workshop,
     runtime: &Handle,
-    claim: &Claim,
+    (claim, prefix): (&Claim, &str),
     (progress, clock): (&Mutex<Progress>, &Clock),
     stop: &AtomicBool,
 ) -> Result<(), AttemptError> {
@@ -126,14 +134,22 @@ fn work(
     let map = fit_request(&request, progress, stop)?;
     set_stage(progress, "storing", WHOLE.1);
     let fitted = Instant::now();
-    let prefix = Artifacts::prefix(&claim.job.id, claim.job.attempt);
     let bytes = map.to_npz()?;
-    let (length, sha256) = (bytes.len() as i64, hex::encode(Sha256::digest(&bytes)));
-    if stop.load(Ordering::Relaxed) {
-        return Err(AttemptError::Stopped);
+    let record = record_of(claim, &map, prefix, &bytes);
+    drop((map, held));
+    runtime.block_on(keep(workshop, prefix, bytes, progress, stop))?;
+    let done = Progress::done(claim.job.progress.max_iterations, &record.fit);
+    match runtime.block_on(workshop.records.succeed(claim.job.attempt, &record, &done))? {
+        true => {
+            workshop.metrics.fitted(record.distance.name(), &record.fit, fitted.elapsed());
+            Ok(())
+        }
+        false => Err(AttemptError::Stopped),
     }
-    runtime.block_on(workshop.artifacts.put(&prefix, "map.npz", bytes))?;
-    let record = MapRecord {
+}
+
+fn record_of(claim: &Claim, map: &FittedMap, prefix: &str, bytes: &[u8]) -> MapRecord {
+    MapRecord {
         id: Uuid::now_v7().to_string(),
         job_id: claim.job.id.clone(),
         tenant: claim.job.tenant.clone(),
@@ -143,20 +159,44 @@ fn work(
         distance: map.field.distance(),
         lattice: map.lattice().clone(),
         fit: map.report.clone(),
-        prefix,
-        bytes: length,
-        sha256: Some(sha256),
+        prefix: prefix.to_owned(),
+        bytes: bytes.len() as i64,
+        sha256: Some(hex::encode(Sha256::digest(bytes))),
         parent: None,
         version: 1,
-    };
-    drop((map, held));
-    let done = Progress::done(claim.job.progress.max_iterations, &record.fit);
-    match runtime.block_on(workshop.records.succeed(claim.job.attempt, &record, &done))? {
-        true => {
-            workshop.metrics.fitted(record.distance.name(), &record.fit, fitted.elapsed());
-            Ok(())
+    }
+}
+
+/// Puts the map's file where it stays; tries for a while where the artifact store is away.
+async fn keep(
+    workshop: &Workshop,
+    prefix: &str,
+    bytes: Vec<u8>,
+    progress: &Mutex<Progress>,
+    stop: &AtomicBool,
+) -> Result<(), AttemptError> {
+    let (bytes, begun) = (Bytes::from(bytes), Instant::now());
+    let kept = async {
+        loop {
+            match workshop.artifacts.put(prefix, MAP_FILE, bytes.clone()).await {
+                Err(error) if begun.elapsed() < STORED_WITHIN => {
+                    tracing::warn!(%prefix, %error, "a map could not be stored yet");
+                    set_stage(progress, "waiting for the artifact store", WHOLE.1);
+                }
+                outcome => return Ok(outcome?),
+            }
+            tokio::time::sleep(STORED_AGAIN).await;
         }
-        false => Err(AttemptError::Stopped),
+    };
+    let stopped = async {
+        while !stop.load(Ordering::Relaxed) {
+            tokio::time::sleep(LOOK).await;
+        }
+    };
+    tokio::select! {
+        biased;
+        () = stopped => Err(AttemptError::Stopped),
+        outcome = kept => outcome,
     }
 }
 
@@ -225,17 +265,13 @@ async fn keep_lease(
 }
 
 /// Says in the store what became of an attempt that has no map.
-async fn settle(workshop: &Workshop, claim: &Claim, error: &AttemptError) {
+async fn settle(workshop: &Workshop, claim: &Claim, prefix: &str, error: &AttemptError) {
     let (records, id, attempt) = (&workshop.records, &claim.job.id[..], claim.job.attempt);
     let queued = Progress::queued(claim.job.progress.max_iterations);
     let outcome = match error {
         // Draining hands the job back; where the lease is lost this writes nothing.
         AttemptError::Stopped => {
             workshop.metrics.attempt_ended("stopped");
-            // Before the job is handed back: its next attempt has the same number, and writes to the same place.
-            if let Err(error) = workshop.artifacts.remove(&Artifacts::prefix(id, attempt)).await {
-                tracing::warn!(job = %id, attempt, %error, "the attempt's artifacts could not be removed");
-            }
             records.release(id, attempt, &queued).await
         }
         error if error.may_pass() && attempt < MAX_ATTEMPTS => {
@@ -255,15 +291,13 @@ async fn settle(workshop: &Workshop, claim: &Claim, error: &AttemptError) {
     if let Err(error) = outcome {
         tracing::error!(job = %id, attempt, %error, "the attempt's end could not be stored; its lease will lapse");
     }
-    if matches!(error, AttemptError::Stopped) {
-        return;
-    }
-    let prefix = Artifacts::prefix(id, attempt);
     // A finish whose answer was lost may have been committed: only what nobody owns is removed, the rest is swept
-    // later.
-    if let Ok(false) = records.owns_prefix(&prefix, id, attempt).await
-        && let Err(error) = workshop.artifacts.remove(&prefix).await
-    {
+    // later. What was stopped has finished nothing, though the job may run again under the same number by now.
+    let is_nobodys = match error {
+        AttemptError::Stopped => true,
+        _ => matches!(records.owns_prefix(prefix, id, attempt).await, Ok(false)),
+    };
+    if is_nobodys && let Err(error) = workshop.artifacts.remove(prefix).await {
         tracing::warn!(job = %id, attempt, %error, "the attempt's artifacts could not be removed");
     }
 }

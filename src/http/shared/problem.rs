@@ -197,6 +197,17 @@ impl From<ArtifactsError> for Problem {
                 let detail = "the map's arrays are missing from the artifact store; its record is still there";
                 Self::new(StatusCode::INTERNAL_SERVER_ERROR, "artifact-missing", "The map's arrays are missing", detail)
             }
+            ArtifactsError::Damaged(_) => {
+                tracing::error!(%error, "an artifact is damaged");
+                let detail =
+                    "the map's arrays in the artifact store are not what was written there; none of them is served";
+                Self::new(StatusCode::INTERNAL_SERVER_ERROR, "artifact-damaged", "The map's arrays are damaged", detail)
+            }
+            ArtifactsError::Store(_) | ArtifactsError::Folder(_) => {
+                tracing::error!(%error, "the artifact store failed");
+                let detail = "the artifact store cannot be reached or read";
+                Self { detail: detail.into(), ..Self::of_status(StatusCode::SERVICE_UNAVAILABLE) }
+            }
             _ => Self::internal(&error),
         }
     }

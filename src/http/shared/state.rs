@@ -13,7 +13,7 @@ use super::ration::Ration;
 use super::rules::Rules;
 use crate::jobs::{Job, MapRecord};
 use crate::map::FittedMap;
-use crate::store::Quota;
+use crate::store::{MAP_FILE, Quota};
 use crate::uncertainty::Joint;
 use crate::worker::Workshop;
 
@@ -126,7 +126,7 @@ impl Service {
         if let Some(map) = self.maps.get(&record.id) {
             return Ok(map);
         }
-        let bytes = self.workshop.artifacts.get(&record.prefix, "map.npz").await?;
+        let bytes = self.workshop.artifacts.get(&record.prefix, MAP_FILE, record.sha256.as_deref()).await?;
         let map = self.compute.run(Queue::Answers, move |_| Ok(Arc::new(FittedMap::from_npz(&bytes)?))).await?;
         self.maps.keep(&record.id, map.clone(), map.held_bytes());
         Ok(map)
