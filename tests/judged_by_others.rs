@@ -61,12 +61,23 @@ fn map_server_reads_the_grid() {
     let server = Server::start(data.path(), 1);
     let own = format!("/v1/maps/{}", server.map_of(&experiment_one(1)));
     for resolution in ["0.05", "0.13", "0.2", "0.5"] {
-        for format in ["json", "png", "zip"] {
-            let answer = server.get(&format!("{own}/ogm?resolution={resolution}&format={format}"));
-            std::fs::write(files.path().join(format!("ogm.{format}")), answer.body).unwrap();
+        let save = |name: String, query: &str| {
+            let answer = server.get(&format!("{own}/ogm?resolution={resolution}&{query}"));
+            assert_eq!(answer.status, 200, "{}", String::from_utf8_lossy(&answer.body));
+            std::fs::write(files.path().join(name), answer.body).unwrap();
+        };
+        save("ogm.json".into(), "format=json");
+        save("ogm.png".into(), "format=png");
+        for mode in ["trinary", "scale", "raw"] {
+            save(format!("{mode}.zip"), &format!("format=zip&mode={mode}"));
         }
         judge("nav2.py", &[files.path().to_str().unwrap()]);
     }
+    let plain = server.get(&format!("{own}/ogm?resolution=0.2&format=zip"));
+    let named = server.get(&format!("{own}/ogm?resolution=0.2&format=zip&mode=trinary"));
+    assert!(plain.body == named.body && plain.header("etag") != "", "trinary is the default");
+    let fault = server.get(&format!("{own}/ogm?mode=gray")).problem(422);
+    assert_eq!(fault["errors"][0]["parameter"], "mode");
 }
 
 /// Rasters as arrays and as GeoTIFF, and a query by arrays, of either distance.

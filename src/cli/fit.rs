@@ -14,7 +14,7 @@ use super::submit::read_unzipped;
 use crate::jobs::{JobRequest, Limits, Progress, RequestError};
 use crate::map::{ArchiveError, FittedMap, MapError, SurveyError, factors_npz, on_lattice_npz, scipy_sparse};
 use crate::render::{
-    Layer, OccupancyGrid, Overlay, Picture, contours, map_picture, svg_to_png, to_geojson, to_nav2_zip,
+    Layer, Nav2Mode, OccupancyGrid, Overlay, Picture, contours, map_picture, svg_to_png, to_geojson, to_nav2_zip,
 };
 use crate::uncertainty::{Factors, Kind};
 use crate::worker::fit_request;
@@ -71,7 +71,7 @@ fn write_map(out: &Path, map: &FittedMap, name: &str) -> Result<(), CliError> {
     let traced = contours(map, 0.0, Some(2.0), Kind::Propagated)?;
     write(out, "contours.geojson", to_geojson(&traced, "map").to_string().as_bytes())?;
     let grid = OccupancyGrid::of(map, map.lattice().resolution, Kind::Propagated);
-    write(out, "ogm.zip", &to_nav2_zip(&grid)?)?;
+    write(out, "ogm.zip", &to_nav2_zip(&grid, Nav2Mode::Trinary)?)?;
     for (file, layer) in [("distance", Layer::Distance), ("sigma", Layer::Sigma), ("occupancy", Layer::Occupancy)] {
         let overlays = if layer == Layer::Distance { vec![Overlay::Points, Overlay::Contour] } else { vec![] };
         let title = format!("{name}: {file}");

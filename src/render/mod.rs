@@ -20,7 +20,7 @@ use thiserror::Error;
 pub use contour::{Contours, contours};
 pub use figure::{Axes, Figure};
 pub use geojson::to_geojson;
-pub use nav2::{to_nav2_zip, to_pgm};
+pub use nav2::{Nav2Mode, to_nav2_zip, to_pgm};
 pub use occupancy::{OccupancyGrid, Trinary};
 pub(crate) use picture::shade;
 pub use picture::{Layer, Overlay, Picture, contour_picture, draw_contours, draw_poses, map_figure, map_picture};

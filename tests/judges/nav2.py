@@ -1,4 +1,8 @@
-"""Reads an exported map by the rules of Nav2's map_server, with PyYAML and Pillow. Arguments: folder."""
+"""Reads an exported map by the rules of Nav2's map_server, with PyYAML and Pillow. Arguments: folder.
+
+The rules are those of nav2_map_server's map_io.cpp: as it was up to Jazzy, pixel by pixel in double, and as it is since, on
+the whole image in float. What they disagree about is whether a value that equals a threshold is beyond it.
+"""
 
 import io
 import json
@@ -14,26 +18,66 @@ folder = Path(sys.argv[1])
 grid = json.loads((folder / "ogm.json").read_text())
 width, height = grid["info"]["width"], grid["info"]["height"]
 data = np.array(grid["data"]).reshape(height, width)
-
-archive = zipfile.ZipFile(folder / "ogm.zip")
-assert sorted(archive.namelist()) == ["map.pgm", "map.yaml"]
-meta = yaml.safe_load(archive.read("map.yaml"))
-assert meta["image"] == "map.pgm" and meta["mode"] == "trinary" and meta["negate"] == 0
-assert (meta["occupied_thresh"], meta["free_thresh"]) == (0.65, 0.196)
-assert meta["resolution"] == grid["info"]["resolution"]
 position = grid["info"]["origin"]["position"]
-assert meta["origin"] == [position["x"], position["y"], 0.0]
 
-image = Image.open(io.BytesIO(archive.read(meta["image"])))
-assert image.size == (width, height) and image.mode == "L"
-pixels = np.array(image)
-assert set(np.unique(pixels)) <= {0, 205, 254}
-assert np.array_equal(pixels, np.array(Image.open(folder / "ogm.png")))
 
-# map_server: p = (255 - v) / 255; over occupied_thresh 100, under free_thresh 0, else -1; the first row is the highest y.
-p = (255 - pixels.astype(float)) / 255
-read = np.where(p > meta["occupied_thresh"], 100, np.where(p < meta["free_thresh"], 0, -1))[::-1]
-expected = np.where(data >= 65, 100, np.where((data >= 0) & (data <= 19), 0, -1))
-assert np.array_equal(read, expected)
-assert (read == 100).any() and (read == 0).any() and (read == -1).any()
-print("map_server's rules give the same grid")
+def opened(mode):
+    """A zip's metadata and the image that it names."""
+    archive = zipfile.ZipFile(folder / f"{mode}.zip")
+    meta = yaml.safe_load(archive.read("map.yaml"))
+    assert sorted(archive.namelist()) == sorted(["map.yaml", meta["image"]])
+    assert meta["mode"] == mode and meta["negate"] == 0
+    assert meta["resolution"] == grid["info"]["resolution"]
+    assert meta["origin"] == [position["x"], position["y"], 0.0]
+    image = Image.open(io.BytesIO(archive.read(meta["image"])))
+    assert image.size == (width, height)
+    return meta, image
+
+
+def older(meta, image):
+    pixels = np.array(image.convert("RGBA")).astype(float)
+    shade, alpha = pixels[..., :3].mean(axis=2) / 255, pixels[..., 3]
+    if meta["mode"] == "raw":
+        value = np.round(shade * 255)
+        return np.where(value <= 100, value, -1)
+    occ = 1.0 - shade
+    free, occupied = meta["free_thresh"], meta["occupied_thresh"]
+    between = np.rint((occ - free) / (occupied - free) * 100) if meta["mode"] == "scale" else -1
+    cell = np.where(occupied < occ, 100, np.where(occ < free, 0, between))
+    return np.where(alpha < 255, -1, cell) if meta["mode"] == "scale" else cell
+
+
+def newer(meta, image):
+    pixels = np.array(image.convert("RGBA"))
+    gray, alpha = pixels[..., 0], pixels[..., 3]
+    if meta["mode"] == "raw":
+        value = gray.astype(np.int8)
+        return np.where((value < 0) | (value > 100), -1, value)
+    occ = np.float32(1) - gray.astype(np.float32) / np.float32(255)
+    free, occupied = np.float32(meta["free_thresh"]), np.float32(meta["occupied_thresh"])
+    cell = np.where(occ >= occupied, 100, -1)
+    cell = np.where(occ <= free, 0, cell)
+    if meta["mode"] == "scale":
+        between = np.round((occ - free) / (occupied - free) * np.float32(100))
+        cell = np.where((occ > free) & (occ < occupied), between, cell)
+    return np.where(alpha < 255, -1, cell)
+
+
+meta, image = opened("trinary")
+assert meta["image"] == "map.pgm" and image.mode == "L"
+assert (meta["occupied_thresh"], meta["free_thresh"]) == (0.65, 0.196)
+assert set(np.unique(np.array(image))) <= {0, 205, 254}
+assert np.array_equal(np.array(image), np.array(Image.open(folder / "ogm.png")))
+expected = {
+    "trinary": np.where(data >= 65, 100, np.where((data >= 0) & (data <= 19), 0, -1)),
+    "scale": data,
+    "raw": data,
+}
+for mode, cells in expected.items():
+    for rules in [older, newer]:
+        # The image's first row has the highest y.
+        read = rules(*opened(mode))[::-1]
+        assert np.array_equal(read, cells), (mode, rules.__name__, np.argwhere(read != cells)[:5])
+assert (data == -1).any() and (data == 0).any() and (data >= 65).any() and ((data > 19) & (data < 65)).any()
+assert opened("raw")[1].mode == "L" and "A" in opened("scale")[1].mode
+print("map_server's rules give the same grid in all three modes")

@@ -12,7 +12,7 @@ use crate::http::shared::problem::{Problem, Refused, to_json};
 use crate::jobs::MapRecord;
 use crate::map::FittedMap;
 use crate::render::{
-    Layer, OccupancyGrid, Overlay, Picture, RasterLayer, Rasters, contour_picture, contours as trace, grayscale_png,
+    Layer, Nav2Mode, OccupancyGrid, Overlay, Picture, RasterLayer, Rasters, contour_picture, contours as trace, grayscale_png,
     map_picture, svg_to_png, to_geojson, to_nav2_zip,
 };
 
@@ -59,7 +59,8 @@ pub async fn get_map_contours(mut request: MapRequest) -> Result<Response, Probl
     params(("id" = String, Path),
         ("resolution" = Option<f64>, Query, minimum = 0.0001, maximum = 10000, description = "metres a cell; the lattice's by default"),
         ("kind" = Option<String>, Query, pattern = "^(propagated|posterior)$", description = "propagated (default) or posterior"),
-        ("format" = Option<String>, Query, pattern = "^(json|png|zip)$", description = "json, png or zip (map.yaml and map.pgm for Nav2)")),
+        ("format" = Option<String>, Query, pattern = "^(json|png|zip)$", description = "json, png or zip (map.yaml and its image for Nav2)"),
+        ("mode" = Option<String>, Query, pattern = "^(trinary|scale|raw)$", description = "how Nav2's map_server reads the zip's image: trinary (default), scale or raw")),
     responses((status = 200, description = "the fields of nav_msgs/OccupancyGrid; an image; or what Nav2's map_server loads",
             content((Object = "application/json"), (Binary = "image/png"), (Binary = "application/zip"))),
         (status = 304, description = "unchanged"),
@@ -68,6 +69,7 @@ pub async fn get_map_ogm(mut request: MapRequest) -> Result<Response, Problem> {
     let (lattice, params) = (&request.record.lattice, &mut request.params);
     let resolution = params.number("resolution", 1e-4, 1e4).unwrap_or(lattice.resolution);
     let kind = params.choice("kind", &KINDS);
+    let mode = params.choice("mode", &Nav2Mode::ALL.map(|mode| (mode.name(), mode)));
     let [width, height] = OccupancyGrid::size(lattice, resolution);
     if width * height > LARGEST_GRID {
         params.fault("resolution", format!("gives {:.0} cells; the limit is {LARGEST_GRID:.0}", width * height));
@@ -76,7 +78,7 @@ pub async fn get_map_ogm(mut request: MapRequest) -> Result<Response, Problem> {
         let grid = OccupancyGrid::of(map, resolution, kind);
         match format {
             PNG => Ok(grayscale_png(grid.width as u32, grid.height as u32, &grid.to_gray())?),
-            ZIP => Ok(to_nav2_zip(&grid)?),
+            ZIP => Ok(to_nav2_zip(&grid, mode)?),
             _ => to_json(&occupancy_json(&grid, record)),
         }
     };
