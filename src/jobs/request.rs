@@ -11,7 +11,7 @@ use thiserror::Error;
 use super::document::{DocumentError, Node};
 use super::limits::{Fault, Limits};
 use super::reader::{FARTHEST, LONGEST_TEXT, Reader};
-use crate::fit::{self, Distance, End, Estimate, FitOptions, Footprint, Poses, Weighting, pose_unknowns};
+use crate::fit::{self, Distance, Estimate, FitOptions, Footprint, Poses, Weighting};
 use crate::geometry::{Bounds, Cov3, Pose, Vec2, psd_square_root};
 use crate::map::{self, Cost, FittedMap, Survey, SurveyError};
 use crate::scan::{LaserScan, Noise, returns_of};
@@ -52,18 +52,7 @@ const DEADLINES: (f64, f64) = (0.001, 2_678_400.0);
 impl JobRequest {
     /// The fit's end, found again; `map` is this request's.
     pub fn resume(&self, map: &FittedMap) -> Result<Estimate, SurveyError> {
-        let (coefficients, poses) = map.resume_from();
-        let reported: Vec<f64>;
-        let poses = match (poses, map.report.weights.poses) {
-            // Maps of the first format do not say where their fit's last round began; their poses are next to it.
-            ([], Poses::Refined) => {
-                reported = pose_unknowns(&self.scans, &self.noise, &map.poses)?;
-                &reported
-            }
-            (poses, _) => poses,
-        };
-        let end = End { coefficients: &coefficients, poses };
-        Ok(fit::resume(&self.scans, &self.noise, self.distance, &self.lattice, &self.options, end)?)
+        self.survey().resume(map)
     }
 
     /// The fit that is asked for.

@@ -6,7 +6,7 @@ use std::time::Instant;
 use thiserror::Error;
 
 use super::{FittedMap, MapError};
-use crate::fit::{self, Distance, FitError, FitOptions, Poses};
+use crate::fit::{self, Distance, End, Estimate, FitError, FitOptions, Poses, pose_unknowns};
 use crate::geometry::Bounds;
 use crate::scan::{LaserScan, Noise, returns_of};
 use crate::spline::{Lattice, LatticeError};
@@ -125,6 +125,22 @@ impl<'a> Survey<'a> {
         map.report.seconds = began.elapsed().as_secs_f64();
         map.report.stages = super::StageSeconds { fitting: fitted, covariance: map.report.seconds - fitted };
         Ok(map)
+    }
+
+    /// The fit's end, found again: what is not kept with a map is formed from there. `map` is this survey's.
+    pub fn resume(&self, map: &FittedMap) -> Result<Estimate, SurveyError> {
+        let (coefficients, poses) = map.resume_from();
+        let reported: Vec<f64>;
+        let poses = match (poses, map.report.weights.poses) {
+            // Maps of the first format do not say where their fit's last round began; their poses are next to it.
+            ([], Poses::Refined) => {
+                reported = pose_unknowns(self.scans, &self.noise, &map.poses)?;
+                &reported
+            }
+            (poses, _) => poses,
+        };
+        let end = End { coefficients: &coefficients, poses };
+        Ok(fit::resume(self.scans, &self.noise, self.distance, map.lattice(), &self.options, end)?)
     }
 
     fn laid_out(&self) -> Result<Lattice, SurveyError> {

@@ -1,4 +1,5 @@
-//! Entries of the inverse, and of the sandwich, between any few unknowns: a walk up the elimination tree.
+//! Entries of the inverse, and of the sandwich, between any few unknowns, and forms of them: a walk up the elimination
+//! tree.
 //!
 //! `H = L L^T` gives `(H^-1)_ww = V^T V` with `V = L^-1 E_w`, and a column of `V` is zero but on its unknown's path to the
 //! root of the elimination tree (Gilbert and Peierls 1988). The paths of a window meet soon, in separators that grow
@@ -54,16 +55,30 @@ impl Paths {
         8 * (self.cholesky.fill() + self.derivative.len() + 4 * self.cholesky.dimension())
     }
 
-    /// The dense entries between some unknowns, each named once, in their order. `go_on` says whether to go on.
-    pub fn between(&self, unknowns: &[usize], of: Of, go_on: &dyn Fn() -> bool) -> Result<Mat<f64>, SparseError> {
+    /// The forms `E^T H^-1 E`, or those of the sandwich, of columns `E` of few unknowns each, in their order. `go_on` says
+    /// whether to go on.
+    pub fn forms<C: AsRef<[(usize, f64)]>>(
+        &self,
+        columns: &[C],
+        of: Of,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Mat<f64>, SparseError> {
         let (factor, inverse) = self.cholesky.supernodes()?;
         let symbolic = factor.symbolic();
         let derivative = Panels::holding(symbolic, &self.derivative);
-        let mut order: Vec<usize> = (0..unknowns.len()).collect();
-        order.sort_unstable_by_key(|&k| inverse[unknowns[k]]);
-        let steps: Vec<usize> = order.iter().map(|&k| inverse[unknowns[k]]).collect();
-        let walk = Walk::of(symbolic, &derivative.owner, &steps);
-        let mut sides = Sides::start(&walk, &derivative.owner, symbolic, &steps);
+        let first = |column: &C| column.as_ref().iter().map(|(unknown, _)| inverse[*unknown]).min();
+        let mut order: Vec<usize> = (0..columns.len()).collect();
+        order.sort_by_key(|&k| first(&columns[k]));
+        let entries: Vec<Entry> = order
+            .iter()
+            .enumerate()
+            .flat_map(|(column, &k)| {
+                let own = columns[k].as_ref().iter();
+                own.map(move |&(unknown, value)| Entry { column, step: inverse[unknown], value })
+            })
+            .collect();
+        let walk = Walk::of(symbolic, &derivative.owner, &entries);
+        let mut sides = Sides::start(&walk, columns.len(), &entries);
         for visit in &walk.visits {
             if !go_on() {
                 return Err(SparseError::Stopped);
@@ -77,7 +92,7 @@ impl Paths {
                 sides.add_square(visit, v);
             }
         }
-        let mut back = vec![0; unknowns.len()];
+        let mut back = vec![0; columns.len()];
         order.iter().enumerate().for_each(|(sorted, &asked)| back[asked] = sorted);
         let sum = sides.sum;
         let entry = |a: usize, b: usize| match of {
@@ -86,6 +101,14 @@ impl Paths {
         };
         Ok(Mat::from_fn(back.len(), back.len(), |a, b| entry(back[a], back[b])))
     }
+}
+
+/// An entry of a right-hand side.
+struct Entry {
+    column: usize,
+    /// When its unknown is eliminated.
+    step: usize,
+    value: f64,
 }
 
 /// A supernode on a path: where its rows lie among all paths' rows, and which columns may not be zero there.
@@ -104,17 +127,17 @@ struct Visit {
 struct Walk {
     visits: Vec<Visit>,
     rows: usize,
-    /// By supernode: the place of its first row.
-    firsts: Vec<usize>,
+    /// Where every entry lies among all paths' rows.
+    places: Vec<usize>,
 }
 
 impl Walk {
-    fn of(symbolic: &SymbolicSupernodalCholesky<usize>, owner: &[usize], steps: &[usize]) -> Self {
+    fn of(symbolic: &SymbolicSupernodalCholesky<usize>, owner: &[usize], entries: &[Entry]) -> Self {
         let mut columns: Vec<Option<(usize, usize)>> = vec![None; symbolic.n_supernodes()];
         let widen = |range: &mut Option<(usize, usize)>, (low, high): (usize, usize)| {
             *range = Some(range.map_or((low, high), |(a, b)| (a.min(low), b.max(high))));
         };
-        steps.iter().enumerate().for_each(|(k, &step)| widen(&mut columns[owner[step]], (k, k + 1)));
+        entries.iter().for_each(|own| widen(&mut columns[owner[own.step]], (own.column, own.column + 1)));
         let (mut firsts, mut rows) = (vec![0; symbolic.n_supernodes()], 0);
         for s in 0..symbolic.n_supernodes() {
             let Some(range) = columns[s] else { continue };
@@ -124,19 +147,19 @@ impl Walk {
                 widen(&mut columns[owner[parent]], range);
             }
         }
-        let place = |&step: &usize| firsts[owner[step]] + step - symbolic.supernode_begin()[owner[step]];
+        let place = |step: usize| firsts[owner[step]] + step - symbolic.supernode_begin()[owner[step]];
         let visit = |(s, range): (usize, &Option<(usize, usize)>)| {
             let (low, high) = (*range)?;
             Some(Visit {
                 supernode: s,
                 first: firsts[s],
                 width: symbolic.supernode_end()[s] - symbolic.supernode_begin()[s],
-                below: symbolic.supernode(s).pattern().iter().map(place).collect(),
+                below: symbolic.supernode(s).pattern().iter().map(|&step| place(step)).collect(),
                 columns: low..high,
             })
         };
         let visits = columns.iter().enumerate().filter_map(visit).collect();
-        Self { visits, rows, firsts }
+        Self { visits, rows, places: entries.iter().map(|own| place(own.step)).collect() }
     }
 }
 
@@ -151,13 +174,9 @@ struct Sides {
 type Blocks<'a> = (MatRef<'a, f64>, MatRef<'a, f64>);
 
 impl Sides {
-    fn start(walk: &Walk, owner: &[usize], symbolic: &SymbolicSupernodalCholesky<usize>, steps: &[usize]) -> Self {
-        let count = steps.len();
+    fn start(walk: &Walk, count: usize, entries: &[Entry]) -> Self {
         let mut u = Mat::zeros(walk.rows, count);
-        for (column, &step) in steps.iter().enumerate() {
-            let s = owner[step];
-            u[(walk.firsts[s] + step - symbolic.supernode_begin()[s], column)] = 1.0;
-        }
+        entries.iter().zip(&walk.places).for_each(|(own, &place)| u[(place, own.column)] += own.value);
         Self { u, du: Mat::zeros(walk.rows, count), sum: Mat::zeros(count, count) }
     }
 

@@ -41,14 +41,24 @@ impl Joint {
     /// The covariance between coefficients (by their index, x set before y set), each named once: row-major, square
     /// metres. `go_on` says whether to go on.
     pub fn block(&self, kind: Kind, points: &[usize], go_on: &dyn Fn() -> bool) -> Result<Vec<f64>, UncertaintyError> {
+        let columns: Vec<[(usize, f64); 1]> = points.iter().map(|&point| [(point, 1.0)]).collect();
+        self.forms(kind, &columns, go_on)
+    }
+
+    /// The covariance between weighted sums of coefficients, (index, weight) each: row-major. `go_on` says whether to go on.
+    pub fn forms<C: AsRef<[(usize, f64)]>>(
+        &self,
+        kind: Kind,
+        columns: &[C],
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Vec<f64>, UncertaintyError> {
         let (of, factor) = match kind {
             Kind::Propagated => (Of::Sandwich, 1.0),
             Kind::Posterior => (Of::Inverse, 2.0),
         };
-        let pinned = self.paths.between(points, of, go_on)?;
-        let moved = self.modes.between(kind, points);
-        let m = points.len();
-        let entry = |k: usize| factor * pinned[(k / m, k % m)] + moved[(k / m, k % m)];
-        Ok((0..m * m).map(entry).collect())
+        let pinned = self.paths.forms(columns, of, go_on)?;
+        let moved = self.modes.forms(kind, columns);
+        let m = columns.len();
+        Ok((0..m * m).map(|k| factor * pinned[(k / m, k % m)] + moved[(k / m, k % m)]).collect())
     }
 }

@@ -70,13 +70,17 @@ impl Modes {
         products.for_each(|own| covariance.add_products(&own.left, &own.right, own.scale));
     }
 
-    /// Their share in the covariance between some unknowns.
-    pub fn between(&self, kind: Kind, unknowns: &[usize]) -> Mat<f64> {
-        let m = unknowns.len();
+    /// Their share in the forms of columns of few unknowns each.
+    pub fn forms<C: AsRef<[(usize, f64)]>>(&self, kind: Kind, columns: &[C]) -> Mat<f64> {
+        let m = columns.len();
         let mut sum = Mat::<f64>::zeros(m, m);
-        let rows = |of: &Mat<f64>| Mat::from_fn(m, of.ncols(), |a, k| of[(unknowns[a], k)]);
+        let project = |of: &Mat<f64>| {
+            Mat::from_fn(m, of.ncols(), |a, k| {
+                columns[a].as_ref().iter().map(|(unknown, value)| value * of[(*unknown, k)]).sum::<f64>()
+            })
+        };
         for own in self.products(kind) {
-            let product = rows(&own.left) * rows(&own.right).transpose();
+            let product = project(&own.left) * project(&own.right).transpose();
             let half = 0.5 * own.scale;
             sum += Mat::from_fn(m, m, |a, b| half * (product[(a, b)] + product[(b, a)]));
         }

@@ -12,8 +12,8 @@ use crate::http::shared::problem::{Problem, Refused, to_json};
 use crate::jobs::MapRecord;
 use crate::map::FittedMap;
 use crate::render::{
-    Layer, Nav2Mode, OccupancyGrid, Overlay, Picture, RasterLayer, Rasters, contour_picture, contours as trace, grayscale_png,
-    map_picture, svg_to_png, to_geojson, to_nav2_zip,
+    Layer, Nav2Mode, OccupancyGrid, Overlay, Picture, RasterLayer, Rasters, contour_picture, contours as trace,
+    grayscale_png, map_picture, svg_to_png, to_geojson, to_nav2_zip,
 };
 
 /// Cells of an occupancy grid at most.

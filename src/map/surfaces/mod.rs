@@ -28,7 +28,7 @@ use rstar::primitives::{GeomWithData, Line};
 use super::Field;
 use super::query::normal_cdf;
 use crate::fit::Surfels;
-use crate::geometry::{Vec2, share_on_segment, turned};
+use crate::geometry::{Vec2, nearest_on_segment, share_on_segment, turned};
 use crate::uncertainty::Kind;
 
 /// Where a surface ends is known to this many cells, where it turns away to that many, and how far it strays from its
@@ -131,6 +131,34 @@ impl Surfaces {
     }
 }
 
+/// The surface that a beam met, as the facets have it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Facing {
+    pub foot: Vec2,
+    /// The unit normal, towards where the beam came from.
+    pub normal: Vec2,
+    /// How far beyond the facet's line the place lies, along the normal, metres.
+    pub across: f64,
+}
+
+impl Surfaces {
+    /// The nearest facet, within `reach` metres of a place, that faces who looks along `direction`: of a vector map alone,
+    /// whose facets know which side of them is free.
+    pub fn facing(&self, p: Vec2, direction: Vec2, reach: f64) -> Option<Facing> {
+        let near = self.tree.nearest_neighbor_iter_with_distance_2(p.into());
+        let near = near.take_while(|(_, distance2)| *distance2 <= reach * reach);
+        near.map(|(facet, _)| &self.facets[facet.data]).find_map(|facet| {
+            let normal = facet.normal();
+            (normal.dot(&direction) < GRAZING).then(|| {
+                let foot = nearest_on_segment(p, facet.ends[0], facet.ends[1]);
+                Facing { foot, normal, across: normal.dot(&(p - foot)) }
+            })
+        })
+    }
+}
+
+/// A beam meets a surface against its normal; one that grazes it may have met anything.
+const GRAZING: f64 = -0.05;
 const KINDS: [Kind; 2] = [Kind::Propagated, Kind::Posterior];
 /// Lines may deviate by this share of a cell from how they were traced.
 const TOLERANCE: f64 = 0.004;
@@ -138,6 +166,12 @@ const TOLERANCE: f64 = 0.004;
 impl Facet {
     pub fn sigma(&self, kind: Kind) -> f64 {
         self.sigma[usize::from(kind == Kind::Posterior)]
+    }
+
+    /// The unit normal towards free space, of a vector map's facets: a surfel lies along its normal, which points away from who
+    /// saw it, turned by a quarter.
+    fn normal(&self) -> Vec2 {
+        turned((self.ends[1] - self.ends[0]).normalize())
     }
 
     fn foot(&self, p: Vec2, kind: Kind, resolution: f64) -> Foot {

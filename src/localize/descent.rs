@@ -1,0 +1,231 @@
+//! The minimum nearest to a start: iteratively reweighted Gauss-Newton, coarse to fine.
+//!
+//! The robust loss is Geman and McClure's, `rho(u) = u / (1 + u / BULK)`, whose weight is `(1 + u / BULK)^-2`; `u = r^2 / (R +
+//! s^2)`. The scale `s` falls in stages, from how far off a start may be to nothing: at half a metre a wall pulls from
+//! across a corridor, at the end nothing but what lies on it does. All scans of a trajectory are unknowns together, so
+//! what a later scan tells, an earlier pose knows.
+
+use nalgebra::{DMatrix, DVector, Vector3};
+
+use super::motion::{Motion, misfit};
+use super::sighting::{Beam, Sighting};
+use super::{LocalizeError, Sighted};
+use crate::geometry::{Cov3, Pose, wrap_angle};
+use crate::map::FittedMap;
+
+/// By stage: the scale, metres, and steps at most.
+const STAGES: [(f64, usize); 5] = [(0.5, 4), (0.2, 4), (0.08, 4), (0.03, 4), (0.0, 12)];
+/// `BULK`: residuals within three sigmas count nearly whole.
+const BULK: f64 = 9.0;
+/// A return farther off than so many sigmas does not agree with the map.
+const AGREES: f64 = 3.0;
+/// How far a surface is looked for, in scales, and at least, metres.
+const REACH: (f64, f64) = (3.0, 0.3);
+/// Beams of a scan that the coarse stages look at.
+const COARSE_BEAMS: usize = 60;
+/// A step is no longer than this: metres, radians.
+const LONGEST_STEP: (f64, f64) = (0.3, 0.15);
+/// Steps shorter than this many metres or radians end a stage; where returns go from one facet to the next and back, the
+/// last steps need not shrink: below the second number the descent has settled all the same.
+const STILL: f64 = 1e-6;
+const SETTLED: f64 = 2e-3;
+/// A scan is taken to fit where so large a share of its returns agrees with the map, and so many do.
+const FITS: (f64, usize) = (0.5, 8);
+
+/// What is minimised.
+pub struct Descent<'a> {
+    map: &'a FittedMap,
+    scans: &'a [Sighted],
+    beams: Vec<Vec<Beam>>,
+    motions: &'a [Motion],
+    /// The motions' inverse covariances.
+    informations: Vec<Cov3>,
+}
+
+/// Where a descent ended.
+#[derive(Debug, Clone)]
+pub struct Course {
+    pub poses: Vec<Pose>,
+    /// `Lambda`, three unknowns a scan.
+    pub information: DMatrix<f64>,
+    pub fits: Vec<Agreement>,
+    /// Whether the last step was none.
+    pub settled: bool,
+}
+
+/// How a scan agrees with the map.
+#[derive(Debug, Clone)]
+pub struct Agreement {
+    pub used: Vec<Used>,
+    pub left_out: usize,
+    pub chi_squared: f64,
+    /// By what its returns' variance is multiplied, so that they scatter as they should.
+    pub excess: f64,
+}
+
+/// A return that agrees, and its weight: the inverse of its variance.
+#[derive(Debug, Clone)]
+pub struct Used {
+    pub sighting: Sighting,
+    pub weight: f64,
+}
+
+impl Agreement {
+    /// Whether the scan was taken where it was put.
+    pub fn holds(&self) -> bool {
+        let used = self.used.len();
+        used >= FITS.1 && used as f64 >= FITS.0 * (used + self.left_out) as f64
+    }
+}
+
+/// Normal equations.
+struct Normal {
+    information: DMatrix<f64>,
+    gradient: DVector<f64>,
+}
+
+impl<'a> Descent<'a> {
+    pub fn new(map: &'a FittedMap, scans: &'a [Sighted], motions: &'a [Motion]) -> Result<Self, LocalizeError> {
+        let informations = motions.iter().enumerate().map(|(k, motion)| motion.information(k));
+        let beams = scans.iter().map(|sighted| {
+            let scan = &sighted.scan;
+            let beam = |k| Some(Beam { bearing: scan.bearing(k), range: scan.range(k)? });
+            (0..scan.ranges.len()).filter_map(beam).collect()
+        });
+        Ok(Self { map, scans, beams: beams.collect(), motions, informations: informations.collect::<Result<_, _>>()? })
+    }
+
+    /// From a start, a pose a scan.
+    pub fn run(&self, mut poses: Vec<Pose>) -> Course {
+        let mut settled = false;
+        let level = vec![1.0; poses.len()];
+        for (scale, steps) in STAGES {
+            settled = self.stage(&mut poses, scale, steps, &level);
+        }
+        // Returns that scatter more than they should are worth less, beside the prior and the motions.
+        let excess: Vec<f64> = self.agreements(&poses, &level).iter().map(|own| own.excess).collect();
+        if excess.iter().any(|own| *own > 1.0) {
+            settled = self.stage(&mut poses, 0.0, STAGES[STAGES.len() - 1].1, &excess);
+        }
+        let fits = self.agreements(&poses, &excess);
+        let mut normal = self.priors(&poses);
+        for (k, fit) in fits.iter().enumerate() {
+            fit.used.iter().for_each(|used| normal.add(k, used, 0.0));
+        }
+        Course { poses, information: normal.information, fits, settled }
+    }
+
+    fn stage(&self, poses: &mut [Pose], scale: f64, steps: usize, excess: &[f64]) -> bool {
+        let mut longest = f64::INFINITY;
+        for _ in 0..steps {
+            let mut normal = self.priors(poses);
+            for (k, pose) in poses.iter().enumerate() {
+                self.add_returns(&mut normal, (k, pose), scale, excess[k]);
+            }
+            let Some(factor) = normal.information.cholesky() else { return false };
+            let step = factor.solve(&normal.gradient);
+            longest = 0.0;
+            for (k, pose) in poses.iter_mut().enumerate() {
+                let own = shortened(Vector3::new(step[3 * k], step[3 * k + 1], step[3 * k + 2]));
+                *pose = Pose::new(pose.x - own.x, pose.y - own.y, wrap_angle(pose.theta - own.z));
+                longest = longest.max(own.amax());
+            }
+            if longest < STILL {
+                break;
+            }
+        }
+        longest < SETTLED
+    }
+
+    fn add_returns(&self, normal: &mut Normal, (k, pose): (usize, &Pose), scale: f64, excess: f64) {
+        let beams = &self.beams[k];
+        let skip = if scale > 0.0 { beams.len().div_ceil(COARSE_BEAMS).max(1) } else { 1 };
+        let reach = (REACH.0 * scale).max(REACH.1);
+        let resolution = self.map.lattice().resolution;
+        for beam in beams.iter().step_by(skip) {
+            let Some(sighting) = Sighting::of(self.map, pose, beam, reach) else { continue };
+            let variance = excess * sighting.variance(self.scans[k].sigma_range, resolution) + scale * scale;
+            let u = sighting.residual.powi(2) / variance;
+            let weight = (1.0 + u / BULK).powi(-2) / variance;
+            normal.add(k, &Used { sighting, weight }, sighting.residual);
+        }
+    }
+
+    /// What priors and motions say.
+    fn priors(&self, poses: &[Pose]) -> Normal {
+        let n = 3 * poses.len();
+        let mut normal = Normal { information: DMatrix::zeros(n, n), gradient: DVector::zeros(n) };
+        for (k, sighted) in self.scans.iter().enumerate() {
+            if let Some(prior) = &sighted.prior {
+                normal.add_block((k, k), prior.information());
+                normal.pull(k, &(prior.information() * prior.offset(&poses[k])));
+            }
+        }
+        for (k, (motion, information)) in self.motions.iter().zip(&self.informations).enumerate() {
+            let (off, by_before, by_after) = misfit(motion, &poses[k], &poses[k + 1]);
+            for (a, by_a) in [(k, by_before), (k + 1, by_after)] {
+                normal.pull(a, &(by_a.transpose() * information * off));
+                for (b, by_b) in [(k, by_before), (k + 1, by_after)] {
+                    normal.add_block((a, b), &(by_a.transpose() * information * by_b));
+                }
+            }
+        }
+        // A pose of which nothing is known beforehand is somewhere on the map.
+        let [width, height] = self.map.lattice().bounds().size();
+        let anywhere = [width, height, std::f64::consts::TAU].map(|span| 12.0 / span.powi(2));
+        for (k, _) in self.scans.iter().enumerate().filter(|(_, sighted)| sighted.prior.is_none()) {
+            normal.add_block((k, k), &Cov3::from_diagonal(&anywhere.into()));
+        }
+        normal
+    }
+
+    fn agreements(&self, poses: &[Pose], excess: &[f64]) -> Vec<Agreement> {
+        let resolution = self.map.lattice().resolution;
+        let own = |(k, pose): (usize, &Pose)| {
+            let mut agreement = Agreement { used: Vec::new(), left_out: 0, chi_squared: 0.0, excess: 1.0 };
+            for beam in &self.beams[k] {
+                let sighting = Sighting::of(self.map, pose, beam, REACH.1);
+                let Some(sighting) = sighting else {
+                    agreement.left_out += 1;
+                    continue;
+                };
+                let variance = excess[k] * sighting.variance(self.scans[k].sigma_range, resolution);
+                let u = sighting.residual.powi(2) / variance;
+                if u > AGREES * AGREES {
+                    agreement.left_out += 1;
+                } else {
+                    agreement.chi_squared += u;
+                    let weight = (1.0 + u / BULK).powi(-2) / variance;
+                    agreement.used.push(Used { sighting, weight });
+                }
+            }
+            let degrees = agreement.used.len().saturating_sub(3).max(1) as f64;
+            agreement.excess = excess[k] * (agreement.chi_squared / degrees).max(1.0);
+            agreement
+        };
+        poses.iter().enumerate().map(own).collect()
+    }
+}
+
+impl Normal {
+    fn add(&mut self, scan: usize, used: &Used, residual: f64) {
+        let by_pose = used.sighting.by_pose;
+        self.add_block((scan, scan), &(by_pose * by_pose.transpose() * used.weight));
+        self.pull(scan, &(by_pose * (used.weight * residual)));
+    }
+
+    fn add_block(&mut self, (a, b): (usize, usize), block: &Cov3) {
+        let mut view = self.information.fixed_view_mut::<3, 3>(3 * a, 3 * b);
+        view += block;
+    }
+
+    fn pull(&mut self, scan: usize, gradient: &Vector3<f64>) {
+        let mut view = self.gradient.fixed_rows_mut::<3>(3 * scan);
+        view += gradient;
+    }
+}
+
+fn shortened(step: Vector3<f64>) -> Vector3<f64> {
+    let longest = (step.xy().norm() / LONGEST_STEP.0).max(step.z.abs() / LONGEST_STEP.1);
+    if longest > 1.0 { step / longest } else { step }
+}
