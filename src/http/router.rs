@@ -23,7 +23,7 @@ use super::about::{self, console, metrics, usage};
 use super::jobs::{change, events, status, submit};
 use super::layers::compression::Texts;
 use super::layers::{conventions, counted, guard, keys};
-use super::maps::{arrays, covariance, pictures, query, record, tiles};
+use super::maps::{arrays, covariance, localize, pictures, query, record, tiles};
 use super::places::{publish, read};
 use super::shared::problem::Problem;
 use super::shared::state::HttpLimits;
@@ -59,6 +59,7 @@ fn described() -> OpenApiRouter<AppState> {
         .routes(routes!(arrays::get_map_poses))
         .routes(routes!(covariance::get_map_covariance))
         .routes(routes!(query::query_map))
+        .routes(routes!(localize::localize_scans))
         .routes(routes!(pictures::get_map_contours))
         .routes(routes!(pictures::get_map_ogm))
         .routes(routes!(pictures::get_map_grid))

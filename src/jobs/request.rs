@@ -111,16 +111,7 @@ impl JobRequest {
         let document = Node::parse(json, limits.values)?;
         let mut reader = Reader::new(limits);
         let request = reader.request(&document);
-        match request {
-            Some(request) if reader.faults.is_empty() => Ok(request),
-            _ => {
-                if reader.unlisted > 0 {
-                    let detail = format!("{} more faults are not listed", reader.unlisted);
-                    reader.faults.push(Fault { pointer: String::new(), detail });
-                }
-                Err(RequestError::Faults(reader.faults))
-            }
-        }
+        reader.settled(request).map_err(RequestError::Faults)
     }
 }
 
@@ -204,12 +195,22 @@ impl Reader<'_> {
     }
 
     fn scan(&mut self, node: &Node, at: &str) -> Option<LaserScan> {
+        self.scan_from(node, at, Self::pose)
+    }
+
+    /// A scan whose pose is read like this.
+    pub(super) fn scan_from(
+        &mut self,
+        node: &Node,
+        at: &str,
+        pose: impl FnOnce(&mut Self, &Node, &str) -> Option<Pose>,
+    ) -> Option<LaserScan> {
         if !matches!(node, Node::Object(_)) {
             return self.fault(at, format!("a scan is an object, not {}", node.kind()));
         }
         let names = ["pose", "pose_covariance", "angle_min", "angle_increment", "range_min", "range_max", "ranges"];
         self.known(node, at, &names);
-        let pose = self.required(node, at, "pose", Self::pose);
+        let pose = self.required(node, at, "pose", pose);
         let pose_covariance = self.optional(node, at, "pose_covariance", Self::covariance);
         let angle_min = self.required(node, at, "angle_min", |r, n, p| r.number(n, p, -1e3, 1e3));
         let angle_increment = self.required(node, at, "angle_increment", |r, n, p| r.number(n, p, -TAU, TAU));
@@ -265,7 +266,7 @@ impl Reader<'_> {
         }
     }
 
-    fn pose(&mut self, node: &Node, at: &str) -> Option<Pose> {
+    pub(super) fn pose(&mut self, node: &Node, at: &str) -> Option<Pose> {
         self.object(node, at, &["x", "y", "theta"])?;
         let x = self.required(node, at, "x", |r, n, p| r.number(n, p, -FARTHEST, FARTHEST));
         let y = self.required(node, at, "y", |r, n, p| r.number(n, p, -FARTHEST, FARTHEST));
@@ -273,7 +274,7 @@ impl Reader<'_> {
         Some(Pose::new(x?, y?, theta?))
     }
 
-    fn covariance(&mut self, node: &Node, at: &str) -> Option<Cov3> {
+    pub(super) fn covariance(&mut self, node: &Node, at: &str) -> Option<Cov3> {
         let entries = self.numbers(node, at, 9)?;
         let c = Cov3::from_row_slice(&entries);
         let largest = c.amax();
@@ -289,7 +290,7 @@ impl Reader<'_> {
         Some((c + c.transpose()) * 0.5)
     }
 
-    fn noise(&mut self, node: &Node, at: &str) -> Option<Noise> {
+    pub(super) fn noise(&mut self, node: &Node, at: &str) -> Option<Noise> {
         self.object(node, at, &["sigma_x", "sigma_y", "sigma_theta", "sigma_range"])?;
         let mut sigma = |name| self.required(node, at, name, |r, n, p| r.positive(n, p, SIGMAS.0, SIGMAS.1));
         let (x, y, theta, range) = (sigma("sigma_x"), sigma("sigma_y"), sigma("sigma_theta"), sigma("sigma_range"));

@@ -125,10 +125,11 @@ pub async fn get_map_covariance(mut request: MapRequest) -> Result<Response, Pro
     let n = wanted.record.lattice.len();
     let points: Vec<usize> = (0..components).flat_map(|k| one.iter().map(move |point| k * n + point)).collect();
     if form == Form::Factors {
-        let body = from_factors(&wanted, |factors| Ok(factors_npz(&factors)?)).await?;
+        let body =
+            from_factors(&wanted.state, &wanted.caller, &wanted.record, |factors| Ok(factors_npz(&factors)?)).await?;
         return wanted.respond(body);
     }
-    let joint = joint(&wanted).await?;
+    let joint = joint(&wanted.state, &wanted.caller, &wanted.record).await?;
     let map = wanted.state.load(&wanted.record).await?;
     let make = move |leash: &Leash| dense(&joint, &map, (kind, leash), &points, window, format);
     let body = wanted.state.compute.run(Queue::Heavy, make).await?;

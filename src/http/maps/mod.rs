@@ -2,6 +2,7 @@
 
 pub mod arrays;
 pub mod covariance;
+pub mod localize;
 pub mod pictures;
 pub mod query;
 pub mod record;

@@ -6,11 +6,11 @@
 
 use std::sync::Arc;
 
-use super::request::Wanted;
 use crate::fit::Estimate;
 use crate::http::shared::compute::{Leash, Queue, too_slow};
 use crate::http::shared::problem::Problem;
-use crate::jobs::JobRequest;
+use crate::http::shared::{AppState, Caller};
+use crate::jobs::{JobRequest, MapRecord};
 use crate::map::FittedMap;
 use crate::uncertainty::{Factors, Joint};
 
@@ -21,46 +21,47 @@ struct Ended {
 }
 
 /// What blocks of the covariance are formed from, kept or formed now.
-pub async fn joint(wanted: &Wanted) -> Result<Arc<Joint>, Problem> {
-    let (state, id) = (wanted.state.clone(), wanted.record.id.clone());
+pub async fn joint(state: &AppState, caller: &Caller, record: &MapRecord) -> Result<Arc<Joint>, Problem> {
+    let (again, id) = (state.clone(), record.id.clone());
     if let Some(known) = state.joints.get(&id) {
         return Ok(known);
     }
-    let ended = Ended::of(wanted).await?;
+    let ended = Ended::of(state, caller, record).await?;
     let form = move |leash: &Leash| {
         // Whoever was ahead in the queue may have formed it.
-        if let Some(known) = state.joints.get(&id) {
+        if let Some(known) = again.joints.get(&id) {
             return Ok(known);
         }
-        let formed = ended.with_estimate(&state.workshop, leash, |estimate| {
+        let formed = ended.with_estimate(&again.workshop, leash, |estimate| {
             Joint::of(estimate, &|_| leash.holds()).map_err(|error| Problem::internal(&error))
         })?;
         let formed = Arc::new(formed);
-        state.joints.keep(&id, formed.clone(), formed.held_bytes());
+        again.joints.keep(&id, formed.clone(), formed.held_bytes());
         Ok(formed)
     };
-    wanted.state.compute.run(Queue::Heavy, form).await
+    state.compute.run(Queue::Heavy, form).await
 }
 
 /// An answer made from what any entry of the covariance is formed from.
 pub async fn from_factors(
-    wanted: &Wanted,
+    state: &AppState,
+    caller: &Caller,
+    record: &MapRecord,
     make: impl FnOnce(Factors) -> Result<Vec<u8>, Problem> + Send + 'static,
 ) -> Result<Vec<u8>, Problem> {
-    let ended = Ended::of(wanted).await?;
-    let workshop = wanted.state.workshop.clone();
+    let ended = Ended::of(state, caller, record).await?;
+    let workshop = state.workshop.clone();
     let form = move |leash: &Leash| {
         ended.with_estimate(&workshop, leash, |mut estimate| {
             make(Factors::of(&mut estimate).map_err(|error| Problem::internal(&error))?)
         })
     };
-    wanted.state.compute.run(Queue::Heavy, form).await
+    state.compute.run(Queue::Heavy, form).await
 }
 
 impl Ended {
-    async fn of(wanted: &Wanted) -> Result<Self, Problem> {
-        let (state, record) = (&wanted.state, &wanted.record);
-        let packed = state.workshop.records.request(&wanted.caller.tenant, &record.job_id).await?;
+    async fn of(state: &AppState, caller: &Caller, record: &MapRecord) -> Result<Self, Problem> {
+        let packed = state.workshop.records.request(&caller.tenant, &record.job_id).await?;
         let packed =
             packed.ok_or_else(|| Problem::not_found("the map's job is gone, and with it what this is formed from"))?;
         Ok(Self { map: state.load(record).await?, packed })

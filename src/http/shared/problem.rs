@@ -8,7 +8,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::{IntoResponses, ToSchema};
 
-use crate::jobs::{DocumentError, Fault};
+use crate::jobs::{DocumentError, Fault, RequestError};
 use crate::map::ArchiveError;
 use crate::map::npz::NpzError;
 use crate::render::RenderError;
@@ -161,6 +161,15 @@ impl IntoResponse for Problem {
         }
         response.extensions_mut().insert(self);
         response
+    }
+}
+
+impl From<RequestError> for Problem {
+    fn from(error: RequestError) -> Self {
+        match error {
+            RequestError::Document(error) => error.into(),
+            RequestError::Faults(faults) => Self::invalid(faults),
+        }
     }
 }
 

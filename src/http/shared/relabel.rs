@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 use super::AppState;
 use super::negotiate::JSON;
 use super::problem::Problem;
-use crate::jobs::{JobRequest, RequestError};
+use crate::jobs::JobRequest;
 use crate::store::Relabelling;
 
 /// What to change.
@@ -29,9 +29,6 @@ pub struct RelabelBody {
 /// Reads a change from a body.
 pub async fn relabelling(state: &AppState, headers: &HeaderMap, body: Body) -> Result<Relabelling, Problem> {
     let json = state.read_few(headers, body, &[JSON.media, "application/merge-patch+json"]).await?;
-    let (name, labels) = JobRequest::parse_labels(&json).map_err(|error| match error {
-        RequestError::Document(error) => error.into(),
-        RequestError::Faults(faults) => Problem::invalid(faults),
-    })?;
+    let (name, labels) = JobRequest::parse_labels(&json)?;
     Ok(Relabelling { name, labels })
 }

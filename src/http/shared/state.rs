@@ -12,6 +12,7 @@ use super::rate::Rates;
 use super::ration::Ration;
 use super::rules::Rules;
 use crate::jobs::{Job, MapRecord};
+use crate::localize::Ground;
 use crate::map::FittedMap;
 use crate::store::{MAP_FILE, Quota};
 use crate::uncertainty::Joint;
@@ -36,6 +37,8 @@ pub struct Service {
     loading: tokio::sync::Mutex<()>,
     /// By map: what blocks of its covariance are formed from.
     pub joints: Cache<Joint>,
+    /// By map: its raster that scans are looked for on.
+    pub grounds: Cache<Ground>,
 }
 
 pub type AppState = Arc<Service>;
@@ -50,8 +53,9 @@ pub struct HttpLimits {
     pub answers: usize,
     /// Bytes of loaded maps that are kept for the next request.
     pub cache: usize,
-    /// Bytes that are kept of what blocks of covariances are formed from.
+    /// Bytes that are kept of what blocks of covariances are formed from, and of rasters that scans are looked for on.
     pub joints: usize,
+    pub grounds: usize,
     /// How long an answer may take.
     pub patience: Duration,
     /// Open connections.
@@ -70,6 +74,7 @@ impl Default for HttpLimits {
             answers: 128 << 20,
             cache: 128 << 20,
             joints: 128 << 20,
+            grounds: 16 << 20,
             patience: Duration::from_secs(60),
             connections: 8192,
             requests_a_second: None,
@@ -93,6 +98,7 @@ impl Service {
             maps: Cache::new(limits.cache),
             loading: Default::default(),
             joints: Cache::new(limits.joints),
+            grounds: Cache::new(limits.grounds),
         }
     }
 
@@ -136,5 +142,6 @@ impl Service {
     pub fn forget(&self, id: &str) {
         self.maps.forget(id);
         self.joints.forget(id);
+        self.grounds.forget(id);
     }
 }
