@@ -5,13 +5,13 @@ mod seaweed;
 
 use std::future::Future;
 use std::path::Path as FilePath;
-use std::sync::{LazyLock, Weak};
 use std::sync::{Arc, Mutex};
+use std::sync::{LazyLock, Weak};
 
 use mapfit::store::{Artifacts, ArtifactsError, MAP_FILE, SqliteStore};
+use object_store::ObjectStoreExt;
 use object_store::multipart::MultipartStore;
 use object_store::path::Path;
-use object_store::ObjectStoreExt;
 use seaweed::Seaweed;
 use sha2::{Digest, Sha256};
 
@@ -63,7 +63,8 @@ mod suite {
     pub async fn what_was_put_is_got(artifacts: Artifacts) {
         let small = b"small".to_vec();
         // Over two parts, and not a whole number of them.
-        let large: Vec<u8> = (0..40u32 << 20).map(|k| (k.wrapping_mul(2_654_435_761) >> 24) as u8).chain([1, 2]).collect();
+        let large: Vec<u8> =
+            (0..40u32 << 20).map(|k| (k.wrapping_mul(2_654_435_761) >> 24) as u8).chain([1, 2]).collect();
         let one = Artifacts::of_attempt("job", 1);
         for (name, bytes) in [(MAP_FILE, &small), ("large", &large)] {
             artifacts.put(&one, name, bytes.clone()).await.unwrap();

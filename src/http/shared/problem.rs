@@ -199,7 +199,8 @@ impl From<ArtifactsError> for Problem {
             }
             ArtifactsError::Damaged(_) => {
                 tracing::error!(%error, "an artifact is damaged");
-                let detail = "the map's arrays in the artifact store are not what was written there; none of them is served";
+                let detail =
+                    "the map's arrays in the artifact store are not what was written there; none of them is served";
                 Self::new(StatusCode::INTERNAL_SERVER_ERROR, "artifact-damaged", "The map's arrays are damaged", detail)
             }
             ArtifactsError::Store(_) | ArtifactsError::Folder(_) => {

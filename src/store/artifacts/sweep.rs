@@ -37,7 +37,11 @@ impl Artifacts {
 }
 
 /// Whether nobody needs what lies under a prefix.
-async fn is_abandoned(records: &dyn Records, prefix: &str, modified: Option<SystemTime>) -> Result<bool, ArtifactsError> {
+async fn is_abandoned(
+    records: &dyn Records,
+    prefix: &str,
+    modified: Option<SystemTime>,
+) -> Result<bool, ArtifactsError> {
     let older = |age: Duration| modified.is_some_and(|at| at.elapsed().is_ok_and(|elapsed| elapsed > age));
     // No job is of no name, so that only a map's row counts.
     let (job_id, attempt) = match owner(prefix) {
