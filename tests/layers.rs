@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 /// From the ground up: each may use those before it.
-const ROOMS: [&str; 17] = [
+const ROOMS: [&str; 18] = [
     "geometry",
     "spline",
     "sparse",
@@ -17,6 +17,7 @@ const ROOMS: [&str; 17] = [
     "import",
     "jobs",
     "store",
+    "backup",
     "access",
     "worker",
     "http",

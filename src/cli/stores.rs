@@ -42,7 +42,8 @@ impl Stores {
         match self.artifacts.as_deref() {
             Some(url) if url.starts_with("s3://") => {
                 let variables = std::env::vars_os();
-                let readable = variables.filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)));
+                let readable =
+                    variables.filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)));
                 Ok(Artifacts::in_bucket(url, readable)?)
             }
             Some(url) if url.contains("://") => {

@@ -9,8 +9,10 @@ mod limits;
 mod reader;
 pub mod record;
 pub mod request;
+mod retention;
 
 pub use document::DocumentError;
 pub use limits::{Fault, Limits};
 pub use record::{Job, JobStatus, MapRecord, ProblemReport, Progress};
 pub use request::{JobRequest, RequestError};
+pub use retention::{Retention, Rule as Retain};
