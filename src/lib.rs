@@ -37,7 +37,8 @@
 //! | `import` | CARMEN logs to job requests |
 //! | `access` | API keys |
 //! | `jobs` | requests, validation, states |
-//! | `store` | job records (SQLite), artifacts |
+//! | `store` | records (SQLite, PostgreSQL), artifacts (a folder, S3) |
+//! | `backup` | everything out of the stores, and in again |
 //! | `worker` | solver threads, leases |
 //! | `http` | the service |
 //! | `cli` | the command line |
@@ -65,6 +66,8 @@ pub use uncertainty::Kind;
 
 #[cfg(feature = "service")]
 pub mod access;
+#[cfg(feature = "service")]
+pub mod backup;
 #[cfg(feature = "service")]
 pub mod cli;
 #[cfg(feature = "service")]

@@ -18,6 +18,7 @@ const ROOMS: [&str; 18] = [
     "import",
     "jobs",
     "store",
+    "backup",
     "access",
     "worker",
     "http",

@@ -74,9 +74,9 @@ impl Demo {
 
 /// Serves at the wished address, or at a free port where that is taken.
 async fn start(listen: SocketAddr, house: &House) -> Result<Running, CliError> {
-    match Running::start((listen, None), house, HttpLimits::default()).await {
+    match Running::start((listen, None), None, house, HttpLimits::default()).await {
         Err(CliError::Io { source, .. }) if source.kind() == std::io::ErrorKind::AddrInUse => {
-            Running::start((SocketAddr::new(listen.ip(), 0), None), house, HttpLimits::default()).await
+            Running::start((SocketAddr::new(listen.ip(), 0), None), None, house, HttpLimits::default()).await
         }
         other => other,
     }

@@ -1,5 +1,6 @@
 //! The command line: one binary, a file a command.
 
+mod backup;
 mod client;
 mod demo;
 mod fit;
@@ -57,6 +58,10 @@ enum Command {
     Completions { shell: clap_complete::Shell },
     /// Make, list and revoke API keys.
     Keys(keys::Keys),
+    /// Back up all jobs, maps, places, keys and webhooks into a folder, while the service runs.
+    Export(backup::Backup),
+    /// Add what a folder of `export` has to the stores, of whichever kind.
+    Import(backup::Backup),
     /// Ask whether a server is ready; the exit code tells.
     Health(health::Health),
 }
@@ -72,6 +77,8 @@ pub enum CliError {
     Store(#[from] crate::store::StoreError),
     #[error(transparent)]
     Artifacts(#[from] crate::store::ArtifactsError),
+    #[error(transparent)]
+    Backup(#[from] crate::backup::BackupError),
     #[error(transparent)]
     Survey(#[from] crate::map::SurveyError),
     #[error(transparent)]
@@ -132,6 +139,8 @@ pub fn main() -> std::process::ExitCode {
             Ok(())
         }
         Command::Keys(command) => command.run(),
+        Command::Export(command) => command.export(),
+        Command::Import(command) => command.import(),
         Command::Health(command) => command.run(),
     };
     match outcome {

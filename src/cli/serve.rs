@@ -11,8 +11,8 @@ use tokio::runtime::Runtime;
 
 use super::CliError;
 use super::stores::{Database, Stores};
-use crate::http::{Faces, HttpLimits, listener, router};
-use crate::jobs::Limits;
+use crate::http::{Faces, HttpLimits, Tls, listener, router, router_of_worker};
+use crate::jobs::{Limits, Retain, Retention};
 use crate::store::Quota;
 use crate::worker::webhooks::Allowed;
 use crate::worker::{Rules, Solvers, Workshop};
@@ -30,13 +30,19 @@ pub struct Serve {
     /// The address to listen on. Without API keys it must be a loopback address.
     #[arg(long, env = "MAPFIT_LISTEN", default_value = "127.0.0.1:8080")]
     pub listen: SocketAddr,
+    /// A certificate with its chain, PEM: clients speak TLS. It is read again when it was renewed.
+    #[arg(long, env = "MAPFIT_TLS_CERT", value_name = "FILE", requires = "tls_key")]
+    pub tls_cert: Option<PathBuf>,
+    /// The certificate's private key, PEM.
+    #[arg(long, env = "MAPFIT_TLS_KEY", value_name = "FILE", requires = "tls_cert")]
+    pub tls_key: Option<PathBuf>,
     /// How long an answer may take; past it, it is 503.
     #[arg(long, env = "MAPFIT_REQUEST_SECONDS", default_value_t = 60)]
     pub request_seconds: u64,
     /// Connections open at once; more wait.
     #[arg(long, env = "MAPFIT_CONNECTIONS", default_value_t = HttpLimits::default().connections)]
     pub connections: usize,
-    /// Where to serve /metrics alone; without it, it is beside everything else.
+    /// Where to serve /metrics (/livez and /readyz, too); without it, it is beside everything else.
     #[arg(long, env = "MAPFIT_METRICS_LISTEN")]
     pub metrics_listen: Option<SocketAddr>,
     /// Requests a second that a key may make; without it they are not counted.
@@ -54,6 +60,9 @@ pub struct Serve {
 
 #[derive(Debug, Args)]
 pub struct Work {
+    /// Where to serve /metrics, /livez and /readyz; without it, nowhere.
+    #[arg(long, env = "MAPFIT_METRICS_LISTEN")]
+    pub metrics_listen: Option<SocketAddr>,
     #[command(flatten)]
     pub house: House,
 }
@@ -79,9 +88,16 @@ pub struct House {
     /// Seconds that a worker holds a job without a sign of life.
     #[arg(long, env = "MAPFIT_LEASE_SECONDS", default_value_t = Rules::default().lease.as_secs(), value_parser = clap::value_parser!(u64).range(1..))]
     pub lease_seconds: u64,
-    /// Seconds between two searches for artifacts that no map names.
+    /// Seconds between two searches for artifacts that no map names, and for what is kept no longer.
     #[arg(long, env = "MAPFIT_SWEEP_SECONDS", default_value_t = Rules::default().sweep_every.as_secs(), value_parser = clap::value_parser!(u64).range(1..))]
     pub sweep_seconds: u64,
+    /// Days that maps are kept: for all (30), for those with a label (site:hq=365), or `forever`; several with commas. What
+    /// a place names is kept. Without it, all are.
+    #[arg(long, env = "MAPFIT_KEEP_MAPS", value_delimiter = ',', value_name = "RULE")]
+    pub keep_maps: Vec<Retain>,
+    /// Days that a webhook's deliveries are listed once they have ended.
+    #[arg(long, env = "MAPFIT_KEEP_DELIVERIES", default_value_t = 30, value_name = "DAYS", value_parser = clap::value_parser!(u64).range(..=36_500))]
+    pub keep_deliveries: u64,
     /// Jobs of one tenant that may run at once.
     #[arg(long, env = "MAPFIT_QUOTA_RUNNING", value_parser = clap::value_parser!(i64).range(1..))]
     pub quota_running: Option<i64>,
@@ -104,6 +120,8 @@ impl House {
             sweep_seconds: usual.sweep_every.as_secs(),
             quota_running: None,
             webhook_allow: Vec::new(),
+            keep_maps: Vec::new(),
+            keep_deliveries: 30,
         }
     }
 
@@ -116,6 +134,8 @@ impl House {
             memory: self.memory.map_or(usual.memory, |megabytes| megabytes.saturating_mul(1 << 20)),
             running_a_tenant: self.quota_running.unwrap_or(usual.running_a_tenant),
             webhooks: Allowed(self.webhook_allow.clone()),
+            keep_maps: Retention(self.keep_maps.clone()),
+            keep_deliveries: Duration::from_secs(self.keep_deliveries * 24 * 3600),
         }
     }
 
@@ -156,9 +176,13 @@ impl Serve {
 
     pub fn run(self) -> Result<(), CliError> {
         let runtime = runtime()?;
-        let service =
-            runtime.block_on(Running::start((self.listen, self.metrics_listen), &self.house, self.limits()))?;
-        println!("serving on http://{}", service.address);
+        let tls = self.tls_cert.as_deref().zip(self.tls_key.as_deref());
+        let tls = tls.map(|(certificate, key)| Tls::from_files(certificate, key)).transpose();
+        let tls = tls.map_err(|error| CliError::Usage(error.to_string()))?;
+        let scheme = if tls.is_some() { "https" } else { "http" };
+        let faces = (self.listen, self.metrics_listen);
+        let service = runtime.block_on(Running::start(faces, tls, &self.house, self.limits()))?;
+        println!("serving on {scheme}://{}", service.address);
         runtime.block_on(stop_signal());
         service.stop(&runtime);
         Ok(())
@@ -169,6 +193,9 @@ impl Work {
     pub fn run(self) -> Result<(), CliError> {
         let runtime = runtime()?;
         let workshop = runtime.block_on(self.house.open())?;
+        if let Some(listen) = self.metrics_listen {
+            runtime.block_on(serve_apart(listen, router_of_worker(workshop.clone()), &workshop))?;
+        }
         let solvers = start_solvers(&workshop, self.house.worker_count().max(1), &runtime)?;
         tracing::info!("working");
         runtime.block_on(stop_signal());
@@ -189,6 +216,7 @@ impl Running {
     /// Binds, opens the data, starts workers and the server.
     pub async fn start(
         (listen, metrics_listen): (SocketAddr, Option<SocketAddr>),
+        tls: Option<Tls>,
         house: &House,
         limits: HttpLimits,
     ) -> Result<Self, CliError> {
@@ -208,13 +236,10 @@ impl Running {
         let connections = limits.connections;
         let Faces { public: app, metrics } = router(workshop.clone(), limits, metrics_listen.is_some());
         if let (Some(listen), Some(metrics)) = (metrics_listen, metrics) {
-            let (own, shutdown) = (bind(listen).await?, workshop.clone());
-            tokio::spawn(async move {
-                listener::serve(own, metrics, METRICS_CONNECTIONS, async move { shutdown.drained().await }).await;
-            });
+            serve_apart(listen, metrics, &workshop).await?;
         }
         let server = tokio::spawn(async move {
-            listener::serve(listener, app, connections, async move { shutdown.drained().await }).await;
+            listener::serve(listener, tls, app, connections, async move { shutdown.drained().await }).await;
         });
         Ok(Self { address, workshop, solvers: Some(solvers), server })
     }
@@ -244,6 +269,15 @@ pub(super) fn runtime() -> Result<Runtime, CliError> {
 
 fn start_solvers(workshop: &Arc<Workshop>, count: usize, runtime: &Runtime) -> Result<Solvers, CliError> {
     Solvers::start(workshop.clone(), count, runtime.handle()).map_err(CliError::io("a solver thread cannot be started"))
+}
+
+/// Serves what those want who look after the service, until it drains.
+async fn serve_apart(listen: SocketAddr, metrics: axum::Router, workshop: &Arc<Workshop>) -> Result<(), CliError> {
+    let (own, shutdown) = (bind(listen).await?, workshop.clone());
+    tokio::spawn(async move {
+        listener::serve(own, None, metrics, METRICS_CONNECTIONS, async move { shutdown.drained().await }).await;
+    });
+    Ok(())
 }
 
 async fn bind(listen: SocketAddr) -> Result<TcpListener, CliError> {

@@ -16,6 +16,8 @@ use tokio::net::TcpListener;
 use tokio::sync::{Semaphore, watch};
 use tokio_io_timeout::TimeoutStream;
 
+use super::tls::Tls;
+
 /// From the end of the last answer to the end of the next request's header.
 const HEADER_WITHIN: Duration = Duration::from_secs(30);
 /// How long a client may take nothing of an answer.
@@ -24,7 +26,13 @@ const TAKEN_WITHIN: Duration = Duration::from_secs(30);
 const BREATH: Duration = Duration::from_millis(50);
 
 /// Serves until `shutdown` resolves, then lets answers under way end.
-pub async fn serve(listener: TcpListener, app: Router, connections: usize, shutdown: impl Future<Output = ()>) {
+pub async fn serve(
+    listener: TcpListener,
+    tls: Option<Tls>,
+    app: Router,
+    connections: usize,
+    shutdown: impl Future<Output = ()>,
+) {
     // Telling HTTP/2 from 1 would wait for a connection's first bytes, for ever.
     let mut builder = Builder::new(TokioExecutor::new()).http1_only();
     builder.http1().timer(TokioTimer::new()).header_read_timeout(HEADER_WITHIN);
@@ -52,7 +60,7 @@ pub async fn serve(listener: TcpListener, app: Router, connections: usize, shutd
             }
         };
         let (builder, app, watcher) = (builder.clone(), app.clone(), graceful.watcher());
-        let mut closed = closed.clone();
+        let (mut closed, acceptor) = (closed.clone(), tls.as_ref().map(Tls::acceptor));
         tokio::spawn(async move {
             let _place = place;
             let _ = stream.set_nodelay(true);
@@ -65,9 +73,26 @@ pub async fn serve(listener: TcpListener, app: Router, connections: usize, shutd
             }
             let mut stream = TimeoutStream::new(stream);
             stream.set_write_timeout(Some(TAKEN_WITHIN));
-            let service = TowerToHyperService::new(app);
-            let connection = builder.serve_connection_with_upgrades(TokioIo::new(Box::pin(stream)), service);
-            if let Err(error) = watcher.watch(connection.into_owned()).await {
+            let (stream, service) = (Box::pin(stream), TowerToHyperService::new(app));
+            let ended = match acceptor {
+                None => {
+                    let connection = builder.serve_connection_with_upgrades(TokioIo::new(stream), service);
+                    watcher.watch(connection.into_owned()).await
+                }
+                Some(acceptor) => {
+                    let shaken = tokio::select! {
+                        shaken = tokio::time::timeout(HEADER_WITHIN, acceptor.accept(stream)) => shaken,
+                        _ = closed.changed() => return,
+                    };
+                    let Ok(Ok(stream)) = shaken else {
+                        tracing::debug!("a connection did not get as far as TLS");
+                        return;
+                    };
+                    let connection = builder.serve_connection_with_upgrades(TokioIo::new(stream), service);
+                    watcher.watch(connection.into_owned()).await
+                }
+            };
+            if let Err(error) = ended {
                 tracing::debug!(%error, "a connection ended early");
             }
         });

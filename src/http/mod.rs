@@ -6,7 +6,7 @@
 //! | [`jobs`], [`maps`], [`places`], [`webhooks`], [`about`] | a folder a resource |
 //! | [`shared`] | what all routes share: problems, parameters, formats, bodies, budgets |
 //! | [`layers`] | what stands around all routes: who may ask, request ids, compression |
-//! | [`listener`] | connections: how many, and for how long |
+//! | [`listener`], [`tls`] | connections: how many, for how long, and what they speak |
 //!
 //! Domain errors know nothing of HTTP; they become problems here, at the border.
 
@@ -18,7 +18,9 @@ pub mod maps;
 pub mod places;
 pub mod router;
 pub mod shared;
+pub mod tls;
 pub mod webhooks;
 
-pub use router::{Faces, document, router};
+pub use router::{Faces, document, router, router_of_worker};
 pub use shared::state::HttpLimits;
+pub use tls::{Tls, TlsError};

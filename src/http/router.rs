@@ -101,8 +101,22 @@ pub struct Faces {
 /// The service.
 pub fn router(workshop: Arc<Workshop>, limits: HttpLimits, metrics_apart: bool) -> Faces {
     let state: AppState = Arc::new(Service::new(workshop, limits, document()));
-    let metrics = Router::new().route("/metrics", get(metrics::get_metrics)).with_state(state.clone());
-    Faces { public: public(state, metrics_apart), metrics: metrics_apart.then_some(metrics) }
+    let metrics = metrics_apart.then(|| apart(state.clone()));
+    Faces { public: public(state, metrics_apart), metrics }
+}
+
+/// What a process answers that works and does not serve: how it is.
+pub fn router_of_worker(workshop: Arc<Workshop>) -> Router {
+    apart(Arc::new(Service::new(workshop, HttpLimits::default(), document())))
+}
+
+/// Metrics and health on an address of their own: for those who look after the service, without keys.
+fn apart(state: AppState) -> Router {
+    Router::new()
+        .route("/metrics", get(metrics::get_metrics))
+        .route("/livez", get(about::get_livez))
+        .route("/readyz", get(about::get_readyz))
+        .with_state(state)
 }
 
 fn public(state: AppState, metrics_apart: bool) -> Router {

@@ -9,10 +9,12 @@ mod limits;
 mod reader;
 pub mod record;
 pub mod request;
+mod retention;
 mod sightings;
 
 pub use document::DocumentError;
 pub use limits::{Fault, Limits};
 pub use record::{Job, JobStatus, MapRecord, ProblemReport, Progress};
 pub use request::{JobRequest, RequestError};
+pub use retention::{Retention, Rule as Retain};
 pub use sightings::Sightings;

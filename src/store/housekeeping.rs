@@ -1,10 +1,12 @@
 //! What keeps a store in order, whoever uses it.
 
+use std::time::Duration;
+
 use async_trait::async_trait;
 
 use super::StoreError;
-use crate::jobs::Job;
 use crate::jobs::lifecycle::Verdict;
+use crate::jobs::{Job, MapRecord};
 
 /// What a tenant has now.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -27,6 +29,13 @@ pub trait Housekeeping: Send + Sync {
     async fn owns_prefix(&self, prefix: &str, job_id: &str, attempt: i64) -> Result<bool, StoreError>;
     /// Whether work can be taken: reads what every request needs, and commits a row.
     async fn probe(&self) -> Result<(), StoreError>;
+    /// Maps whose age is above this and that no place names, with their ages, by id; those above `after`.
+    async fn maps_older_than(
+        &self,
+        age: Duration,
+        after: &str,
+        limit: i64,
+    ) -> Result<Vec<(MapRecord, Duration)>, StoreError>;
     async fn holdings(&self, tenant: &str) -> Result<Holdings, StoreError>;
     /// Of every tenant together, and the age of the oldest waiting job, milliseconds.
     async fn totals(&self) -> Result<(Holdings, Option<i64>), StoreError>;

@@ -1,8 +1,8 @@
 //! Where jobs and maps are kept: [`Records`] of what there is, [`Artifacts`] for the maps' arrays.
 //!
 //! Records are a port for each of their users: clients submit and read by the [`JobBoard`] and the [`MapShelf`], publish
-//! by [`Places`]; workers hold jobs by [`Leases`]; a service keeps its [`Housekeeping`], [`Keys`] and [`Webhooks`]. What is
-//! decided (how often a job is begun, what a lapsed one comes to) is decided in [`crate::jobs::lifecycle`].
+//! by [`Places`]; workers hold jobs by [`Leases`]; a service keeps its [`Housekeeping`], [`Keys`] and [`Webhooks`]; all of it
+//! goes out and in by [`Backup`]. What is decided (how often a job is begun, what a lapsed one comes to) is decided in [`crate::jobs::lifecycle`].
 //!
 //! The promises, which every implementation keeps and one conformance suite checks:
 //!
@@ -14,6 +14,7 @@
 //! - What a webhook is to tell is queued in the transaction that makes it happen.
 
 mod artifacts;
+mod backup;
 mod board;
 mod housekeeping;
 mod keys;
@@ -28,6 +29,7 @@ mod webhooks;
 use thiserror::Error;
 
 pub use artifacts::{Artifacts, ArtifactsError, MAP_FILE};
+pub use backup::{Backup, Row, Saved, Take};
 pub use board::{Cancellation, JobBoard, Listing, NewJob, Quota, Relabelling, Removal, Submission};
 pub use housekeeping::{Holdings, Housekeeping, Judge};
 pub use keys::{ApiKey, Keys, NewKey};
@@ -48,9 +50,13 @@ pub enum StoreError {
     Damaged(#[from] serde_json::Error),
     #[error("a stored record is damaged: unknown {what} {value}")]
     Unknown { what: &'static str, value: String },
+    #[error("a saved row cannot be restored: {0}")]
+    NotRestored(String),
+    #[error("what was read cannot be kept: {0}")]
+    NotKept(#[from] std::io::Error),
 }
 
 /// All of a store's ports.
-pub trait Records: JobBoard + Leases + MapShelf + Places + Keys + Webhooks + Housekeeping {}
+pub trait Records: JobBoard + Leases + MapShelf + Places + Keys + Webhooks + Housekeeping + Backup {}
 
-impl<S: JobBoard + Leases + MapShelf + Places + Keys + Webhooks + Housekeeping> Records for S {}
+impl<S: JobBoard + Leases + MapShelf + Places + Keys + Webhooks + Housekeeping + Backup> Records for S {}

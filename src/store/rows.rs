@@ -1,5 +1,7 @@
 //! Records from rows, of either database: what a column holds is the same, what a row is is not.
 
+use std::time::Duration;
+
 use serde::de::DeserializeOwned;
 use sqlx::Row;
 
@@ -14,7 +16,10 @@ pub trait Columns {
     fn number(&self, column: &str) -> Result<i64, sqlx::Error>;
     fn some_number(&self, column: &str) -> Result<Option<i64>, sqlx::Error>;
     fn small(&self, column: &str) -> Result<i32, sqlx::Error>;
+    fn some_small(&self, column: &str) -> Result<Option<i32>, sqlx::Error>;
+    fn some_real(&self, column: &str) -> Result<Option<f64>, sqlx::Error>;
     fn blob(&self, column: &str) -> Result<Vec<u8>, sqlx::Error>;
+    fn some_blob(&self, column: &str) -> Result<Option<Vec<u8>>, sqlx::Error>;
 }
 
 macro_rules! columns {
@@ -27,7 +32,8 @@ macro_rules! columns {
     };
     ($($row:ty),+) => {
         $(columns!($row: text -> String, some_text -> Option<String>, number -> i64, some_number -> Option<i64>,
-                   small -> i32, blob -> Vec<u8>);)+
+                   small -> i32, some_small -> Option<i32>, some_real -> Option<f64>, blob -> Vec<u8>,
+                   some_blob -> Option<Vec<u8>>);)+
     };
 }
 columns!(sqlx::sqlite::SqliteRow, sqlx::postgres::PgRow);
@@ -76,6 +82,11 @@ pub fn map(row: &impl Columns) -> Result<MapRecord, StoreError> {
         parent: row.some_text("parent")?,
         version: row.number("version")?,
     })
+}
+
+/// A map with its age, milliseconds in the column `age`.
+pub fn aged_map(row: &impl Columns) -> Result<(MapRecord, Duration), StoreError> {
+    Ok((map(row)?, Duration::from_millis(u64::try_from(row.number("age")?).unwrap_or(0))))
 }
 
 pub fn place(row: &impl Columns) -> Result<Place, StoreError> {

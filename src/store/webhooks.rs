@@ -63,6 +63,7 @@ pub struct Delivery {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DueDelivery {
     pub id: String,
+    pub webhook_id: String,
     pub url: String,
     pub secret: String,
     /// JSON.
@@ -90,8 +91,15 @@ pub trait Webhooks: Send + Sync {
     async fn remove_webhook(&self, tenant: &str, id: &str) -> Result<bool, StoreError>;
     /// Newest first, those with serials below `before`.
     async fn deliveries(&self, webhook_id: &str, before: Option<i64>, limit: i64) -> Result<Vec<Delivery>, StoreError>;
-    /// Takes deliveries that are due: until `hold` has passed nobody else takes them.
-    async fn take_deliveries(&self, limit: i64, hold: Duration) -> Result<Vec<DueDelivery>, StoreError>;
+    /// Takes deliveries that are due, but none of these webhooks: until `hold` has passed nobody else takes them.
+    async fn take_deliveries(
+        &self,
+        limit: i64,
+        hold: Duration,
+        except: &[String],
+    ) -> Result<Vec<DueDelivery>, StoreError>;
     /// Fenced by the attempt; `false` where it was taken by another meanwhile.
     async fn settle_delivery(&self, id: &str, attempt: i64, outcome: &Delivered) -> Result<bool, StoreError>;
+    /// Forgets deliveries that ended longer ago than this; how many, of so many at most.
+    async fn forget_deliveries(&self, age: Duration, limit: i64) -> Result<u64, StoreError>;
 }

@@ -26,6 +26,8 @@ const HEARTBEAT: Duration = Duration::from_millis(500);
 /// takes. Fitting anew would cost more, and one of few attempts.
 const STORED_WITHIN: Duration = Duration::from_secs(120);
 const STORED_AGAIN: Duration = Duration::from_secs(1);
+/// How long the removal of what is of no use may take: the sweep does it otherwise.
+const REMOVED_WITHIN: Duration = Duration::from_secs(3);
 /// How often somebody who waits looks whether it was told to stop.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -137,7 +139,7 @@ fn work(
     let bytes = map.to_npz()?;
     let record = record_of(claim, &map, prefix, &bytes);
     drop((map, held));
-    runtime.block_on(keep(workshop, prefix, bytes, progress, stop))?;
+    runtime.block_on(keep(workshop, prefix, bytes, stop))?;
     let done = Progress::done(claim.job.progress.max_iterations, &record.fit);
     match runtime.block_on(workshop.records.succeed(claim.job.attempt, &record, &done))? {
         true => {
@@ -168,20 +170,13 @@ fn record_of(claim: &Claim, map: &FittedMap, prefix: &str, bytes: &[u8]) -> MapR
 }
 
 /// Puts the map's file where it stays; tries for a while where the artifact store is away.
-async fn keep(
-    workshop: &Workshop,
-    prefix: &str,
-    bytes: Vec<u8>,
-    progress: &Mutex<Progress>,
-    stop: &AtomicBool,
-) -> Result<(), AttemptError> {
+async fn keep(workshop: &Workshop, prefix: &str, bytes: Vec<u8>, stop: &AtomicBool) -> Result<(), AttemptError> {
     let (bytes, begun) = (Bytes::from(bytes), Instant::now());
     let kept = async {
         loop {
             match workshop.artifacts.put(prefix, MAP_FILE, bytes.clone()).await {
                 Err(error) if begun.elapsed() < STORED_WITHIN => {
                     tracing::warn!(%prefix, %error, "a map could not be stored yet");
-                    set_stage(progress, "waiting for the artifact store", WHOLE.1);
                 }
                 outcome => return Ok(outcome?),
             }
@@ -297,7 +292,8 @@ async fn settle(workshop: &Workshop, claim: &Claim, prefix: &str, error: &Attemp
         AttemptError::Stopped => true,
         _ => matches!(records.owns_prefix(prefix, id, attempt).await, Ok(false)),
     };
-    if is_nobodys && let Err(error) = workshop.artifacts.remove(prefix).await {
-        tracing::warn!(job = %id, attempt, %error, "the attempt's artifacts could not be removed");
+    let removal = tokio::time::timeout(REMOVED_WITHIN, workshop.artifacts.remove(prefix));
+    if is_nobodys && !matches!(removal.await, Ok(Ok(()))) {
+        tracing::warn!(job = %id, attempt, "the attempt's artifacts could not be removed; they will be swept");
     }
 }

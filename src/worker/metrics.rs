@@ -33,6 +33,7 @@ pub struct Metrics {
     leases_lost: IntCounter,
     leases_reaped: IntCounter,
     deliveries: IntCounterVec,
+    swept: IntCounterVec,
     requests: HistogramVec,
 }
 
@@ -73,6 +74,10 @@ impl Metrics {
                 Opts::new("mapfit_webhook_deliveries_total", "Attempts at webhook deliveries, by outcome"),
                 &["outcome"],
             )?,
+            swept: IntCounterVec::new(
+                Opts::new("mapfit_swept_total", "What this process removed because it is kept no longer, by kind"),
+                &["what"],
+            )?,
             requests: histogram(
                 "mapfit_http_request_seconds",
                 "From a request's header to its answer's, by route",
@@ -96,10 +101,17 @@ impl Metrics {
         own.register(Box::new(self.leases_lost.clone()))?;
         own.register(Box::new(self.leases_reaped.clone()))?;
         own.register(Box::new(self.deliveries.clone()))?;
+        own.register(Box::new(self.swept.clone()))?;
         own.register(Box::new(self.requests.clone()))?;
         own.register(Box::new(ProcessCollector::for_self()))?;
         for outcome in ["successful", "failed", "retried", "stopped"] {
             self.attempts.with_label_values(&[outcome]);
+        }
+        for outcome in ["delivered", "retried", "failed"] {
+            self.deliveries.with_label_values(&[outcome]);
+        }
+        for what in ["maps", "deliveries", "artifacts"] {
+            self.swept.with_label_values(&[what]);
         }
         Ok(self)
     }
@@ -128,6 +140,10 @@ impl Metrics {
 
     pub fn delivered(&self, outcome: &str) {
         self.deliveries.with_label_values(&[outcome]).inc();
+    }
+
+    pub fn swept(&self, what: &str, count: u64) {
+        self.swept.with_label_values(&[what]).inc_by(count);
     }
 
     /// A request that was answered. `route` is the pattern, not the path.

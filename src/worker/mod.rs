@@ -8,6 +8,7 @@
 
 mod attempt;
 mod clock;
+mod house;
 mod memory;
 mod metrics;
 mod rules;
@@ -23,7 +24,7 @@ use std::time::{Duration, Instant};
 use tokio::runtime::Handle;
 use tokio::sync::Notify;
 
-use crate::jobs::{Limits, lifecycle};
+use crate::jobs::Limits;
 use crate::store::{Artifacts, Claim, Records, Terms};
 
 pub use attempt::fit_request;
@@ -35,8 +36,6 @@ use memory::{Memory, Reserved};
 
 /// How long an idle solver waits before it looks for work that nobody told it of.
 const IDLE: Duration = Duration::from_millis(500);
-/// How often lapsed leases are looked for.
-const REAP: Duration = Duration::from_secs(2);
 /// How long readiness is believed, and how long its probe may take.
 const READY_FOR: Duration = Duration::from_secs(1);
 const PROBE_WITHIN: Duration = Duration::from_secs(3);
@@ -154,7 +153,7 @@ pub struct Solvers {
 impl Solvers {
     /// Starts `count` solver threads, and the task that reaps lapsed leases.
     pub fn start(workshop: Arc<Workshop>, count: usize, runtime: &Handle) -> std::io::Result<Self> {
-        runtime.spawn(keep_house(workshop.clone()));
+        runtime.spawn(house::keep(workshop.clone()));
         let watched = workshop.clone();
         runtime.spawn(async move { watched.watch_jobs().await });
         let watched = workshop.clone();
@@ -217,29 +216,4 @@ async fn next_claim(workshop: &Workshop, name: &str) -> Result<Option<Claim>, cr
     }
     let _ = tokio::time::timeout(IDLE, arrival).await;
     Ok(None)
-}
-
-async fn keep_house(workshop: Arc<Workshop>) {
-    let mut reap = tokio::time::interval(REAP);
-    let mut sweep = tokio::time::interval(workshop.rules.sweep_every);
-    loop {
-        tokio::select! {
-            _ = reap.tick() => match workshop.records.reap(lifecycle::after_lapse).await {
-                Ok(0) => {}
-                Ok(lapsed) => {
-                    tracing::warn!(lapsed, "leases had lapsed, or deadlines passed");
-                    workshop.metrics.reaped(lapsed);
-                    workshop.arrivals.notify_waiters();
-                    workshop.hooks.notify_one();
-                }
-                Err(error) => tracing::warn!(%error, "lapsed leases could not be looked for"),
-            },
-            _ = sweep.tick() => match workshop.artifacts.sweep(&*workshop.records).await {
-                Ok(0) => {}
-                Ok(swept) => tracing::info!(swept, "artifacts nobody names were removed"),
-                Err(error) => tracing::warn!(%error, "artifacts could not be swept"),
-            },
-            () = workshop.drained() => return,
-        }
-    }
 }

@@ -4,12 +4,13 @@ use std::time::Duration;
 
 use super::memory::of_this_machine;
 use super::webhooks::Allowed;
+use crate::jobs::Retention;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rules {
     /// How long a claim holds without a heartbeat.
     pub lease: Duration,
-    /// How often artifacts nobody names are swept.
+    /// How often what nobody names, and what is kept no longer, is swept.
     pub sweep_every: Duration,
     /// How long one attempt may take.
     pub attempt_within: Duration,
@@ -19,6 +20,9 @@ pub struct Rules {
     pub running_a_tenant: i64,
     /// Where webhooks may go beside public addresses.
     pub webhooks: Allowed,
+    pub keep_maps: Retention,
+    /// How long a delivery that has ended is listed.
+    pub keep_deliveries: Duration,
 }
 
 impl Default for Rules {
@@ -30,6 +34,8 @@ impl Default for Rules {
             memory: of_this_machine() / 2,
             running_a_tenant: i64::MAX,
             webhooks: Allowed::default(),
+            keep_maps: Retention::default(),
+            keep_deliveries: Duration::from_secs(30 * 24 * 3600),
         }
     }
 }

@@ -3,6 +3,7 @@
 mod jobs;
 mod keys;
 mod places;
+mod retention;
 #[path = "../support/mod.rs"]
 mod support;
 mod views;

@@ -85,6 +85,58 @@ fn webhooks_are_signed_retried_and_listed() {
     server.get(&path).problem(404);
 }
 
+/// The server dies when the job has ended and its delivery is on its way; another process makes it again.
+#[test]
+fn an_event_is_delivered_across_a_kill() {
+    let data = tempfile::tempdir().unwrap();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = format!("http://{}/hook", listener.local_addr().unwrap());
+    let server = Server::start_with(data.path(), 1, &["--webhook-allow", "127.0.0.1/32"]);
+    let made = server.post("/v1/webhooks", &json!({"url": address, "events": ["job.successful"]}));
+    assert_eq!(made.status, 201);
+    let id = server.submit(&small(1));
+    // It is connected to and told, and says nothing.
+    let (mut silent, _) = listener.accept().unwrap();
+    let mut first = [0; 1];
+    silent.read_exact(&mut first).unwrap();
+    assert_eq!(server.get(&format!("/v1/jobs/{id}")).json()["status"], "successful");
+    // SIGKILL.
+    drop(server);
+    let killed = Instant::now();
+    let _server = Server::start_with(data.path(), 0, &["--webhook-allow", "127.0.0.1/32"]);
+    let (mut stream, _) = listener.accept().unwrap();
+    let mut text = [0; 4096];
+    let read = stream.read(&mut text).unwrap();
+    println!("delivered again {:?} after the kill", killed.elapsed());
+    assert!(String::from_utf8_lossy(&text[..read]).contains("webhook-id: msg_"));
+    assert!(killed.elapsed() < Duration::from_secs(40));
+}
+
+/// A receiver that never answers keeps places from nobody else.
+#[test]
+fn a_slow_receiver_holds_nobody_else() {
+    const JOBS: u64 = 24;
+    let data = tempfile::tempdir().unwrap();
+    let silent = TcpListener::bind("127.0.0.1:0").unwrap();
+    let (address, told) = receiver(&[200]);
+    let server = Server::start_with(data.path(), 1, &["--webhook-allow", "127.0.0.1/32"]);
+    // The silent one first: its deliveries are due before the other's.
+    for url in [format!("http://{}/hook", silent.local_addr().unwrap()), address] {
+        let made = server.post("/v1/webhooks", &json!({"url": url, "events": ["job.successful"]}));
+        assert_eq!(made.status, 201);
+    }
+    let ids: Vec<String> = (0..JOBS).map(|seed| server.submit(&small(seed))).collect();
+    for id in &ids {
+        server.wait(id);
+    }
+    let ended = Instant::now();
+    for _ in 0..JOBS {
+        told.recv_timeout(Duration::from_secs(10)).unwrap();
+    }
+    println!("all were told {:?} after the last job", ended.elapsed());
+    assert!(ended.elapsed() < Duration::from_secs(5));
+}
+
 /// A delivery that was due when the server was killed is made by the next one.
 #[test]
 fn an_event_outlives_the_server() {

@@ -98,8 +98,9 @@ pub async fn events_are_queued_with_what_makes_them(store: &dyn Records) {
     let events: Vec<&str> = queued.iter().map(|delivery| &delivery.event[..]).collect();
     assert_eq!(events, ["place.published", "job.dismissed", "job.successful"]);
     assert_eq!(store.deliveries(&all.id, Some(queued[1].serial), 10).await.unwrap(), queued[2..].to_vec());
-    let mut due = store.take_deliveries(10, Duration::from_millis(200)).await.unwrap();
-    assert!(store.take_deliveries(10, Duration::from_secs(9)).await.unwrap().is_empty(), "they are held");
+    let mut due = store.take_deliveries(10, Duration::from_millis(200), &[]).await.unwrap();
+    assert!(due.iter().all(|delivery| delivery.webhook_id == all.id));
+    assert!(store.take_deliveries(10, Duration::from_secs(9), &[]).await.unwrap().is_empty(), "they are held");
     due.sort_by_key(|due| queued.iter().position(|delivery| delivery.id == due.id));
     assert_eq!((due.len(), due[2].attempt, &due[2].url[..]), (3, 1, "https://a.example/"));
     let payload: serde_json::Value = serde_json::from_str(&due[2].payload).unwrap();
@@ -111,7 +112,11 @@ pub async fn events_are_queued_with_what_makes_them(store: &dyn Records) {
     assert!(store.settle_delivery(&due[0].id, 1, &Delivered::Yes).await.unwrap());
     assert!(store.settle_delivery(&due[1].id, 1, &Delivered::Never("gone".into())).await.unwrap());
     tokio::time::sleep(Duration::from_millis(300)).await;
-    let again = store.take_deliveries(10, Duration::ZERO).await.unwrap();
+    assert!(
+        store.take_deliveries(10, Duration::ZERO, std::slice::from_ref(&all.id)).await.unwrap().is_empty(),
+        "it is busy"
+    );
+    let again = store.take_deliveries(10, Duration::ZERO, &[]).await.unwrap();
     assert_eq!((again.len(), again[0].attempt), (1, 2), "its sender died");
     assert!(!store.settle_delivery(&due[2].id, 1, &Delivered::Yes).await.unwrap(), "it comes back late");
     let later = Delivered::NotYet(Duration::from_secs(60), "500".into());
@@ -119,6 +124,12 @@ pub async fn events_are_queued_with_what_makes_them(store: &dyn Records) {
     let states: Vec<DeliveryStatus> =
         store.deliveries(&all.id, None, 10).await.unwrap().into_iter().map(|delivery| delivery.status).collect();
     assert_eq!(states, [DeliveryStatus::Delivered, DeliveryStatus::Failed, DeliveryStatus::Pending]);
+    assert_eq!(store.forget_deliveries(Duration::from_secs(60), 10).await.unwrap(), 0, "they ended just now");
+    tokio::time::sleep(Duration::from_millis(10)).await;
+    assert_eq!(store.forget_deliveries(Duration::ZERO, 1).await.unwrap(), 1, "no more than is asked for");
+    assert_eq!(store.forget_deliveries(Duration::ZERO, 10).await.unwrap(), 1);
+    let left = store.deliveries(&all.id, None, 10).await.unwrap();
+    assert_eq!((left.len(), left[0].status), (1, DeliveryStatus::Pending), "what waits is not forgotten");
     assert_eq!(store.webhooks("a", None, 10).await.unwrap().len(), 2);
     assert_eq!(store.webhooks("a", Some(&all.id), 10).await.unwrap().len(), 0);
     assert!(store.webhook("b", &all.id).await.unwrap().is_none());

@@ -1,5 +1,6 @@
 //! What every job store promises. One suite, run against each implementation.
 
+mod backup;
 mod fleet;
 mod lists;
 #[path = "../support/postgres.rs"]
@@ -15,6 +16,7 @@ use mapfit::map::FitReport;
 use mapfit::spline::Lattice;
 use mapfit::store::{JobBoard, Leases, Listing, NewJob, PostgresStore, Records, SqliteStore, Submission, Terms};
 
+use backup::*;
 use fleet::*;
 use lists::*;
 use queue::*;
@@ -156,6 +158,8 @@ conformance!(
     publications_at_once_give_versions_without_gap_or_double,
     keys_are_known_until_and_after_they_are_revoked,
     events_are_queued_with_what_makes_them,
+    old_maps_are_found_but_not_what_a_place_names,
+    what_is_saved_is_restored_once,
 );
 
 /// A database as version 0.2.0 left it: its jobs are claimed, listed by label and asked for their requests as before.

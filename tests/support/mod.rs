@@ -54,11 +54,17 @@ impl Server {
 
     /// With further arguments to `serve`.
     pub fn start_with(data: &Path, workers: usize, arguments: &[&str]) -> Self {
+        Self::start_among(data, workers, arguments, &[])
+    }
+
+    /// With further environment variables.
+    pub fn start_among(data: &Path, workers: usize, arguments: &[&str], variables: &[(String, String)]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_mapfit"))
             .args(["serve", "--listen", "127.0.0.1:0", "--log", "warn", "--workers", &workers.to_string()])
             .args(arguments)
             .arg("--data")
             .arg(data)
+            .envs(variables.iter().cloned())
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();

@@ -142,7 +142,11 @@ impl Seaweed {
         let bucket = self.bucket(bucket);
         let runtime = tokio::runtime::Runtime::new().unwrap();
         let names = bucket.list(None).map_ok(|object| object.location.to_string()).try_collect();
-        runtime.block_on(names).unwrap()
+        match runtime.block_on(names) {
+            // It makes itself with the first object.
+            Err(error) if error.to_string().contains("NoSuchBucket") => Vec::new(),
+            names => names.unwrap(),
+        }
     }
 }
 

@@ -1,12 +1,14 @@
 //! Lapsed leases, deadlines, readiness, counts.
 
+use std::time::Duration;
+
 use async_trait::async_trait;
 use sqlx::AssertSqlSafe;
 
-use super::rows::{self, JOB};
+use super::rows::{self, JOB, MAP};
 use super::{PostgresStore, now};
-use crate::jobs::Progress;
 use crate::jobs::lifecycle::{Verdict, past_deadline};
+use crate::jobs::{MapRecord, Progress};
 use crate::store::{Holdings, Housekeeping, Judge, StoreError};
 
 /// Jobs failed for their deadline by one statement, and how many such statements a reaping makes.
@@ -51,6 +53,11 @@ const WRITE: &str = concat!(
     now!(),
     ") ON CONFLICT (id) DO UPDATE SET written = excluded.written"
 );
+const OLD: &str = concat!(
+    " FROM maps AS m WHERE m.id > $1 AND m.created < ",
+    now!(),
+    " - $2 AND NOT EXISTS (SELECT 1 FROM place_versions WHERE map_id = m.id) ORDER BY m.id LIMIT $3"
+);
 const HOLDINGS: &str = "SELECT COALESCE(sum(queued), 0)::bigint, (SELECT count(*) FROM leases WHERE tenant = $1), \
                         COALESCE(sum(maps), 0)::bigint, COALESCE(sum(bytes), 0)::bigint FROM holdings WHERE tenant = $1";
 const TOTALS: &str = "SELECT COALESCE(sum(queued), 0)::bigint, (SELECT count(*) FROM leases), \
@@ -94,6 +101,17 @@ impl Housekeeping for PostgresStore {
         sqlx::query(READ).fetch_one(&self.pool).await?;
         sqlx::query(WRITE).execute(&self.pool).await?;
         Ok(())
+    }
+
+    async fn maps_older_than(
+        &self,
+        age: Duration,
+        after: &str,
+        limit: i64,
+    ) -> Result<Vec<(MapRecord, Duration)>, StoreError> {
+        let query = format!("SELECT {MAP}, {} - m.created AS age{OLD}", now!());
+        let query = sqlx::query(AssertSqlSafe(query)).bind(after).bind(age.as_millis() as i64).bind(limit);
+        query.fetch_all(&self.pool).await?.iter().map(rows::aged_map).collect()
     }
 
     async fn holdings(&self, tenant: &str) -> Result<Holdings, StoreError> {

@@ -4,6 +4,7 @@
 //! in the middle holds no lock. What a statement has to keep true beside its row (lanes, leases, holdings, labels,
 //! deliveries) triggers keep: see the migration, which also says in which order locks are taken.
 
+mod backup;
 mod board;
 mod housekeeping;
 mod keys;
@@ -96,5 +97,10 @@ impl PostgresStore {
 
     async fn begin(&self) -> Result<Transaction<'static, Postgres>, StoreError> {
         Ok(self.pool.begin().await?)
+    }
+
+    /// A transaction that sees one moment. Nobody waits for it.
+    async fn begin_reading(&self) -> Result<Transaction<'static, Postgres>, StoreError> {
+        Ok(self.pool.begin_with("BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY").await?)
     }
 }

@@ -1,6 +1,6 @@
 //! Which columns records are read from. Named one by one: a worker of yesterday reads on while a migration adds some.
 
-pub use crate::store::rows::{delivery, job, key, map, place, webhook};
+pub use crate::store::rows::{aged_map, delivery, job, key, map, place, webhook};
 
 /// A job's columns, of `jobs AS j` and of [`LEASE`]: while it runs, its lease knows better.
 pub const JOB: &str = "j.id, j.tenant, j.name, j.labels, j.status, COALESCE(l.progress, j.progress) AS progress, \

@@ -20,18 +20,24 @@ const REMOVE: &str = "DELETE FROM webhooks WHERE id = $1 AND tenant = $2";
 const TAKE: &str = concat!(
     "WITH due AS MATERIALIZED (SELECT id FROM deliveries WHERE status = 'pending' AND next_attempt <= ",
     now!(),
-    " ORDER BY next_attempt LIMIT $2 FOR UPDATE SKIP LOCKED) \
+    " AND webhook_id <> ALL($3) ORDER BY next_attempt LIMIT $2 FOR UPDATE SKIP LOCKED) \
      UPDATE deliveries AS d SET attempts = d.attempts + 1, last_attempt = ",
     now!(),
     ", next_attempt = ",
     now!(),
     " + $1 FROM due, webhooks AS hook WHERE d.id = due.id AND hook.id = d.webhook_id \
-     RETURNING d.id, d.payload, d.attempts, hook.url, hook.secret"
+     RETURNING d.id, d.webhook_id, d.payload, d.attempts, hook.url, hook.secret"
 );
 const SETTLE: &str = concat!(
     "UPDATE deliveries SET status = $1, next_attempt = ",
     now!(),
     " + $2, error = $3 WHERE id = $4 AND attempts = $5 AND status = 'pending'"
+);
+const FORGET: &str = concat!(
+    "DELETE FROM deliveries WHERE serial IN (SELECT serial FROM deliveries WHERE status <> 'pending' \
+     AND COALESCE(last_attempt, created) < ",
+    now!(),
+    " - $1 LIMIT $2 FOR UPDATE SKIP LOCKED)"
 );
 const DELIVERIES: &str = "SELECT serial, id, webhook_id, event, status, attempts, created, last_attempt, next_attempt, error \
                           FROM deliveries WHERE webhook_id = $1 AND serial < $2 ORDER BY serial DESC LIMIT $3";
@@ -64,11 +70,28 @@ impl Webhooks for PostgresStore {
         query.fetch_all(&self.pool).await?.iter().map(rows::delivery).collect()
     }
 
-    async fn take_deliveries(&self, limit: i64, hold: Duration) -> Result<Vec<DueDelivery>, StoreError> {
-        let query = sqlx::query_as(TAKE).bind(hold.as_millis() as i64).bind(limit);
-        let taken: Vec<(String, String, i64, String, String)> = query.fetch_all(&self.pool).await?;
-        let due = |(id, payload, attempt, url, secret)| DueDelivery { id, url, secret, payload, attempt };
+    async fn take_deliveries(
+        &self,
+        limit: i64,
+        hold: Duration,
+        except: &[String],
+    ) -> Result<Vec<DueDelivery>, StoreError> {
+        let query = sqlx::query_as(TAKE).bind(hold.as_millis() as i64).bind(limit).bind(except);
+        let taken: Vec<(String, String, String, i64, String, String)> = query.fetch_all(&self.pool).await?;
+        let due = |(id, webhook_id, payload, attempt, url, secret)| DueDelivery {
+            id,
+            webhook_id,
+            url,
+            secret,
+            payload,
+            attempt,
+        };
         Ok(taken.into_iter().map(due).collect())
+    }
+
+    async fn forget_deliveries(&self, age: Duration, limit: i64) -> Result<u64, StoreError> {
+        let forget = sqlx::query(FORGET).bind(age.as_millis() as i64).bind(limit);
+        Ok(forget.execute(&self.pool).await?.rows_affected())
     }
 
     async fn settle_delivery(&self, id: &str, attempt: i64, outcome: &Delivered) -> Result<bool, StoreError> {

@@ -1,12 +1,14 @@
 //! Lapsed leases, deadlines, readiness, counts.
 
+use std::time::Duration;
+
 use async_trait::async_trait;
 use sqlx::{AssertSqlSafe, Sqlite, Transaction};
 
-use super::rows::{self, JOB};
+use super::rows::{self, JOB, MAP};
 use super::{SqliteStore, now};
 use crate::jobs::lifecycle::{Verdict, past_deadline};
-use crate::jobs::{ProblemReport, Progress};
+use crate::jobs::{MapRecord, ProblemReport, Progress};
 use crate::store::{Holdings, Housekeeping, Judge, StoreError};
 
 const LAPSED: &str = concat!(" FROM jobs WHERE status = 'running' AND lease_until < ", now!());
@@ -34,6 +36,11 @@ const WRITE: &str = concat!(
     "INSERT INTO probes (id, written) VALUES (1, ",
     now!(),
     ") ON CONFLICT (id) DO UPDATE SET written = excluded.written"
+);
+const OLD: &str = concat!(
+    " FROM maps WHERE id > ? AND created < ",
+    now!(),
+    " - ? AND NOT EXISTS (SELECT 1 FROM place_versions WHERE map_id = maps.id) ORDER BY id LIMIT ?"
 );
 const HOLDINGS: &str = "SELECT queued, running, maps, bytes FROM holdings WHERE tenant = ?";
 const TOTALS: &str = "SELECT COALESCE(sum(queued), 0), COALESCE(sum(running), 0), COALESCE(sum(maps), 0), \
@@ -73,6 +80,17 @@ impl Housekeeping for SqliteStore {
         let mut tx = self.begin().await?;
         sqlx::query(WRITE).execute(&mut *tx).await?;
         Ok(tx.commit().await?)
+    }
+
+    async fn maps_older_than(
+        &self,
+        age: Duration,
+        after: &str,
+        limit: i64,
+    ) -> Result<Vec<(MapRecord, Duration)>, StoreError> {
+        let query = format!("SELECT {MAP}, {} - created AS age{OLD}", now!());
+        let query = sqlx::query(AssertSqlSafe(query)).bind(after).bind(age.as_millis() as i64).bind(limit);
+        query.fetch_all(&self.readers).await?.iter().map(rows::aged_map).collect()
     }
 
     async fn holdings(&self, tenant: &str) -> Result<Holdings, StoreError> {

@@ -5,6 +5,7 @@
 //! `busy_timeout`. Every write transaction is `BEGIN IMMEDIATE`: a transaction that begins as a reader and then writes
 //! could meet `SQLITE_BUSY_SNAPSHOT`, which no timeout covers.
 
+mod backup;
 mod board;
 mod housekeeping;
 mod keys;
@@ -66,5 +67,10 @@ impl SqliteStore {
 
     async fn begin(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
         Ok(self.writer.begin_with("BEGIN IMMEDIATE").await?)
+    }
+
+    /// A transaction that sees one moment. Nobody waits for it.
+    async fn begin_reading(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
+        Ok(self.readers.begin().await?)
     }
 }

@@ -1,7 +1,7 @@
 //! Which columns records are read from. Named one by one: a statement that a process has prepared stays right when a newer
 //! one adds columns.
 
-pub use crate::store::rows::{delivery, job, key, map, place, webhook};
+pub use crate::store::rows::{aged_map, delivery, job, key, map, place, webhook};
 
 /// A job's columns, all but what leases need.
 pub const JOB: &str = "id, tenant, name, labels, status, progress, message, problem, created, started, finished, updated, \

@@ -22,13 +22,20 @@ const TAKE: &str = concat!(
     now!(),
     " + ? WHERE id IN (SELECT id FROM deliveries WHERE status = 'pending' AND next_attempt <= ",
     now!(),
-    " ORDER BY next_attempt LIMIT ?) RETURNING id, payload, attempts, \
+    " AND webhook_id NOT IN (SELECT value FROM json_each(?)) ORDER BY next_attempt LIMIT ?) \
+     RETURNING id, webhook_id, payload, attempts, \
      (SELECT url FROM webhooks WHERE webhooks.id = webhook_id), (SELECT secret FROM webhooks WHERE webhooks.id = webhook_id)"
 );
 const SETTLE: &str = concat!(
     "UPDATE deliveries SET status = ?, next_attempt = ",
     now!(),
     " + ?, error = ? WHERE id = ? AND attempts = ? AND status = 'pending'"
+);
+const FORGET: &str = concat!(
+    "DELETE FROM deliveries WHERE serial IN (SELECT serial FROM deliveries WHERE status <> 'pending' \
+     AND COALESCE(last_attempt, created) < ",
+    now!(),
+    " - ? LIMIT ?)"
 );
 const DELIVERIES: &str = " FROM deliveries WHERE webhook_id = ? AND serial < ? ORDER BY serial DESC LIMIT ?";
 
@@ -74,13 +81,33 @@ impl Webhooks for SqliteStore {
         query.fetch_all(&self.readers).await?.iter().map(rows::delivery).collect()
     }
 
-    async fn take_deliveries(&self, limit: i64, hold: Duration) -> Result<Vec<DueDelivery>, StoreError> {
+    async fn take_deliveries(
+        &self,
+        limit: i64,
+        hold: Duration,
+        except: &[String],
+    ) -> Result<Vec<DueDelivery>, StoreError> {
         let mut tx = self.begin().await?;
-        let query = sqlx::query_as(TAKE).bind(hold.as_millis() as i64).bind(limit);
-        let taken: Vec<(String, String, i64, String, String)> = query.fetch_all(&mut *tx).await?;
+        let query = sqlx::query_as(TAKE).bind(hold.as_millis() as i64).bind(serde_json::to_string(except)?).bind(limit);
+        let taken: Vec<(String, String, String, i64, String, String)> = query.fetch_all(&mut *tx).await?;
         tx.commit().await?;
-        let due = |(id, payload, attempt, url, secret)| DueDelivery { id, url, secret, payload, attempt };
+        let due = |(id, webhook_id, payload, attempt, url, secret)| DueDelivery {
+            id,
+            webhook_id,
+            url,
+            secret,
+            payload,
+            attempt,
+        };
         Ok(taken.into_iter().map(due).collect())
+    }
+
+    async fn forget_deliveries(&self, age: Duration, limit: i64) -> Result<u64, StoreError> {
+        let mut tx = self.begin().await?;
+        let forget = sqlx::query(FORGET).bind(age.as_millis() as i64).bind(limit);
+        let forgotten = forget.execute(&mut *tx).await?.rows_affected();
+        tx.commit().await?;
+        Ok(forgotten)
     }
 
     async fn settle_delivery(&self, id: &str, attempt: i64, outcome: &Delivered) -> Result<bool, StoreError> {

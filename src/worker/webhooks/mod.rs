@@ -7,9 +7,11 @@
 mod signature;
 mod target;
 
+use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use tokio::task::JoinSet;
 use ureq::Agent;
 use ureq::unversioned::transport::DefaultConnector;
 
@@ -22,10 +24,13 @@ use crate::store::{Delivered, DueDelivery};
 
 /// How long a receiver may take.
 const WITHIN: Duration = Duration::from_secs(15);
-/// How long a delivery is held while it is sent: longer than sending can take.
-const HOLD: Duration = Duration::from_secs(60);
-/// Deliveries sent at once.
-const AT_ONCE: i64 = 16;
+/// How long a delivery is held while it is sent: longer than sending can take. So soon it is made again where its sender died.
+const HOLD: Duration = Duration::from_secs(30);
+/// Deliveries sent at once, and those that are taken together.
+const AT_ONCE: usize = 64;
+const TAKEN: usize = 8;
+/// A webhook with so many under way gets no more for now: a receiver that is slow keeps places from nobody else.
+const OF_ONE: usize = 4;
 /// How often is looked for what nobody told of.
 const LOOK: Duration = Duration::from_millis(500);
 /// Seconds between attempts, the schedule that Standard Webhooks suggests.
@@ -42,29 +47,51 @@ pub(super) async fn deliver(workshop: Arc<Workshop>) {
         .build();
     let guarded = Guarded(workshop.rules.webhooks.clone());
     let agent = Agent::with_parts(config, DefaultConnector::default(), guarded);
+    let (mut under_way, mut counts) = (JoinSet::new(), HashMap::<String, usize>::new());
     while !workshop.is_draining() {
         let told = workshop.hooks.notified();
-        match workshop.records.take_deliveries(AT_ONCE, HOLD).await {
-            Ok(due) if due.is_empty() => {
-                tokio::select! {
-                    _ = tokio::time::timeout(LOOK, told) => {}
-                    () = workshop.drained() => {}
+        let busy: Vec<String> =
+            counts.iter().filter(|(_, count)| **count >= OF_ONE).map(|(webhook, _)| webhook.clone()).collect();
+        let limit = TAKEN.min(AT_ONCE - under_way.len());
+        // Where all places are taken, nothing is asked for.
+        let due = match limit {
+            0 => Ok(Vec::new()),
+            limit => workshop.records.take_deliveries(limit as i64, HOLD, &busy).await,
+        };
+        let due = due.unwrap_or_else(|error| {
+            tracing::warn!(%error, "webhooks that are due could not be looked for");
+            Vec::new()
+        });
+        let found = !due.is_empty();
+        for delivery in due {
+            *counts.entry(delivery.webhook_id.clone()).or_default() += 1;
+            // A task of its own: it may hold a connection of the store's that looking for more waits for.
+            under_way.spawn(one(workshop.clone(), agent.clone(), delivery));
+        }
+        // What was sent makes room; what was begun is looked after while more is looked for.
+        let patience = if found { Duration::ZERO } else { LOOK };
+        tokio::select! {
+            Some(ended) = under_way.join_next() => {
+                // One that panicked does not say whose it was.
+                match ended {
+                    Ok(webhook) => {
+                        counts.entry(webhook).and_modify(|count| *count = count.saturating_sub(1));
+                    }
+                    Err(_) => counts.clear(),
                 }
+                counts.retain(|_, count| *count > 0);
             }
-            Ok(due) => {
-                futures::future::join_all(due.into_iter().map(|delivery| one(&workshop, &agent, delivery))).await;
-            }
-            Err(error) => {
-                tracing::warn!(%error, "webhooks that are due could not be looked for");
-                tokio::time::sleep(LOOK).await;
-            }
+            _ = tokio::time::timeout(patience, told) => {}
+            () = workshop.drained() => {}
         }
     }
+    // Those that are on their way may still arrive.
+    under_way.detach_all();
 }
 
-async fn one(workshop: &Workshop, agent: &Agent, delivery: DueDelivery) {
-    let (id, attempt) = (delivery.id.clone(), delivery.attempt);
-    let agent = agent.clone();
+/// Makes a delivery; says of which webhook it was.
+async fn one(workshop: Arc<Workshop>, agent: Agent, delivery: DueDelivery) -> String {
+    let (id, webhook, attempt) = (delivery.id.clone(), delivery.webhook_id.clone(), delivery.attempt);
     let sent = tokio::task::spawn_blocking(move || send(&agent, &delivery)).await;
     let outcome = match sent.unwrap_or_else(|error| Err(Refusal::ForNow(error.to_string()))) {
         Ok(()) => Delivered::Yes,
@@ -83,6 +110,7 @@ async fn one(workshop: &Workshop, agent: &Agent, delivery: DueDelivery) {
     if let Err(error) = workshop.records.settle_delivery(&id, attempt, &outcome).await {
         tracing::warn!(delivery = %id, %error, "what became of a delivery could not be stored; it is made again");
     }
+    webhook
 }
 
 /// Why a delivery was not made.

@@ -1,0 +1,164 @@
+//! A whole service whose maps lie in a bucket of a real S3 server: the same maps as in a folder, also where that server is
+//! killed while jobs flow.
+
+#[path = "support/postgres.rs"]
+mod postgres_server;
+#[path = "support/seaweed.rs"]
+mod seaweed;
+mod support;
+
+use std::path::Path;
+use std::process::{Child, Command};
+use std::time::{Duration, Instant};
+
+use object_store::ObjectStoreExt;
+use seaweed::Seaweed;
+use support::{Server, small};
+
+fn database() -> String {
+    tokio::runtime::Runtime::new().unwrap().block_on(postgres_server::database())
+}
+
+/// A process that works and does not serve; killed when it is dropped.
+struct Worker(Child);
+
+impl Worker {
+    fn start(data: &Path, arguments: &[&str], store: &Seaweed) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mapfit"));
+        command.args(["worker", "--workers", "1", "--log", "error"]).args(arguments).arg("--data").arg(data);
+        Self(command.envs(store.variables()).spawn().unwrap())
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// What is the same whenever the same is fitted: a map's file also has its seconds.
+fn arrays(server: &Server, map: &str) -> Vec<Vec<u8>> {
+    ["coefficients?format=npz", "covariance?form=sparse", "covariance?format=npz"]
+        .map(|what| {
+            let answer = server.get(&format!("/v1/maps/{map}/{what}"));
+            assert_eq!(answer.status, 200, "{}", String::from_utf8_lossy(&answer.body));
+            answer.body
+        })
+        .to_vec()
+}
+
+/// The maps of jobs of these seeds, by a service in a folder.
+fn undisturbed(seeds: u64) -> Vec<Vec<Vec<u8>>> {
+    let folder = tempfile::tempdir().unwrap();
+    let server = Server::start(folder.path(), 2);
+    (0..seeds).map(|seed| arrays(&server, &server.map_of(&small(seed)))).collect()
+}
+
+fn map_of(server: &Server, job: &str) -> String {
+    let job = server.wait(job);
+    assert_eq!(job["status"], "successful", "{job}");
+    job["map_id"].as_str().unwrap().to_owned()
+}
+
+#[test]
+fn sqlite_with_a_bucket_has_the_folders_maps() {
+    let (data, store) = (tempfile::tempdir().unwrap(), Seaweed::start());
+    let server = Server::start_among(data.path(), 2, &["--artifacts", "s3://maps/fleet"], &store.variables());
+    let expected = undisturbed(3);
+    let maps: Vec<String> = (0..3).map(|seed| server.map_of(&small(seed))).collect();
+    for (map, expected) in maps.iter().zip(&expected) {
+        assert!(arrays(&server, map) == *expected, "the same bytes");
+    }
+    assert!(!data.path().join("artifacts").exists());
+    let names = store.names("maps");
+    assert_eq!(names.len(), 3, "{names:?}");
+    assert!(names.iter().all(|name| name.starts_with("fleet/attempts/")), "{names:?}");
+    assert_eq!(server.delete(&format!("/v1/maps/{}", maps[0])).status, 204);
+    assert_eq!(store.names("maps").len(), 2);
+}
+
+#[test]
+fn a_damaged_object_is_not_served() {
+    let (data, store) = (tempfile::tempdir().unwrap(), Seaweed::start());
+    let start = || Server::start_among(data.path(), 1, &["--artifacts", "s3://maps/fleet"], &store.variables());
+    let map = start().map_of(&small(1));
+    let (bucket, name) = (store.bucket("maps"), store.names("maps").remove(0));
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    runtime.block_on(async {
+        let mut bytes = bucket.get(&name.clone().into()).await.unwrap().bytes().await.unwrap().to_vec();
+        // One bit of the array itself, so that the archive is still one.
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+        bucket.put(&name.clone().into(), bytes.into()).await.unwrap();
+    });
+    let server = start();
+    for what in ["coefficients", "image", "query"] {
+        let answer = match what {
+            "query" => server.post(&format!("/v1/maps/{map}/query"), &serde_json::json!({"points": [[1, 1]]})),
+            what => server.get(&format!("/v1/maps/{map}/{what}")),
+        };
+        assert_eq!(answer.problem(500)["type"], "/problems/artifact-damaged");
+    }
+    runtime.block_on(bucket.delete(&name.into())).unwrap();
+    let missing = server.get(&format!("/v1/maps/{map}/coefficients")).problem(500);
+    assert_eq!(missing["type"], "/problems/artifact-missing");
+}
+
+/// PostgreSQL and S3, two workers, and the S3 server killed and started again while jobs flow.
+#[test]
+fn a_killed_object_store_loses_nothing() {
+    const JOBS: u64 = 60;
+    const SEEDS: u64 = 6;
+    let (data, store, url) = (tempfile::tempdir().unwrap(), Seaweed::start(), database());
+    let arguments =
+        ["--database-url", &url, "--artifacts", "s3://maps", "--lease-seconds", "2", "--sweep-seconds", "1"];
+    let server = Server::start_among(data.path(), 0, &arguments, &store.variables());
+    let _workers = [0; 2].map(|_| Worker::start(data.path(), &arguments[..6], &store));
+    let expected = undisturbed(SEEDS);
+    let first = server.map_of(&small(0));
+    let mut ids = Vec::new();
+    for k in 0..JOBS {
+        ids.push(server.submit(&small(k % SEEDS)));
+        match k {
+            15 => {
+                store.kill();
+                let begun = Instant::now();
+                let unready = server.get("/readyz");
+                assert_eq!(unready.status, 503, "{}", String::from_utf8_lossy(&unready.body));
+                server.get(&format!("/v1/maps/{first}/coefficients")).problem(503);
+                println!("said after {:?}", begun.elapsed());
+                assert!(begun.elapsed() < Duration::from_secs(10));
+            }
+            // Jobs are accepted meanwhile, and fitted; so much time that attempts would have been used up.
+            30 => {
+                std::thread::sleep(Duration::from_secs(8));
+                store.start_again();
+            }
+            45 => {
+                std::thread::sleep(Duration::from_secs(2));
+                store.kill();
+                std::thread::sleep(Duration::from_secs(1));
+                store.start_again();
+            }
+            _ => {}
+        }
+    }
+    let begun = Instant::now();
+    let maps: Vec<String> = ids.iter().map(|id| map_of(&server, id)).collect();
+    println!("the rest took {:?}", begun.elapsed());
+    for (k, map) in maps.iter().enumerate() {
+        assert!(arrays(&server, map) == expected[k % SEEDS as usize], "map {k} differs");
+    }
+    let ready = server.get("/readyz");
+    assert_eq!(ready.status, 200, "{}", String::from_utf8_lossy(&ready.body));
+    let used = server.get("/v1/usage").json()["maps"]["used"].as_u64();
+    assert_eq!(used, Some(JOBS + 1), "no map is missing or doubled");
+    // What was left by tries that failed is swept within seconds.
+    let begun = Instant::now();
+    let artifacts = || store.names("maps").into_iter().filter(|name| name.starts_with("attempts/")).count() as u64;
+    while artifacts() != JOBS + 1 {
+        assert!(begun.elapsed() < Duration::from_secs(20), "{} objects for {} maps", artifacts(), JOBS + 1);
+        std::thread::sleep(Duration::from_millis(500));
+    }
+}
