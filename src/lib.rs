@@ -31,6 +31,7 @@
 //! | [`uncertainty`] | propagated and posterior covariance at the minimum |
 //! | [`map`] | a fitted map: surfaces, queries, files; [`Survey`] is the front door |
 //! | [`render`] | contours, occupancy grids, rasters, pictures |
+//! | [`living`] | maps in time: what differs between two of them |
 //! | [`sim`] | worlds with exact truth, a simulated LiDAR |
 //! | [`reproduce`] | the method's experiments, figure by figure |
 //! | `import` | CARMEN logs to job requests |
@@ -46,6 +47,7 @@
 
 pub mod fit;
 pub mod geometry;
+pub mod living;
 pub mod map;
 pub mod render;
 pub mod reproduce;

@@ -13,8 +13,9 @@ use uuid::Uuid;
 use super::Workshop;
 use super::clock::Clock;
 use crate::fit::FitError;
+use crate::geometry::Pose;
 use crate::jobs::lifecycle::{MAX_ATTEMPTS, backoff, runs_again};
-use crate::jobs::{JobRequest, MapRecord, ProblemReport, Progress, RequestError};
+use crate::jobs::{JobRequest, Lineage, MapRecord, ProblemReport, Progress, RequestError, Stored};
 use crate::map::{ArchiveError, FittedMap, MapError, Stage, Step, SurveyError};
 use crate::store::{Artifacts, ArtifactsError, Claim, StoreError};
 use crate::uncertainty::UncertaintyError;
@@ -115,15 +116,18 @@ fn work(
     (progress, clock): (&Mutex<Progress>, &Clock),
     stop: &AtomicBool,
 ) -> Result<(), AttemptError> {
-    let json = zstd::decode_all(&claim.request[..]).map_err(AttemptError::Unpack)?;
-    let request = JobRequest::parse(&json, &workshop.limits)?;
-    drop(json);
+    let (request, lineage) = {
+        let stored = zstd::decode_all(&claim.request[..]).map_err(AttemptError::Unpack)?;
+        let stored = Stored::read(&stored)?;
+        (stored.request(&workshop.limits)?, stored.lineage)
+    };
     set_stage(progress, "waiting for memory", 0.0);
     let goes_on = || !stop.load(Ordering::Relaxed);
     let (_, cost) = request.cost(&goes_on).ok_or(AttemptError::Stopped)?;
     let held = clock.without(|| workshop.memory.reserve(cost.bytes as u64, &goes_on)).ok_or(AttemptError::Stopped)?;
     set_stage(progress, "fitting", 0.0);
-    let map = fit_request(&request, progress, stop)?;
+    let before = runtime.block_on(poses_before(workshop, &claim.job.tenant, &lineage));
+    let map = fit_request(&request, &before, progress, stop)?;
     set_stage(progress, "storing", WHOLE.1);
     let fitted = Instant::now();
     let prefix = Artifacts::prefix(&claim.job.id, claim.job.attempt);
@@ -146,8 +150,8 @@ fn work(
         prefix,
         bytes: length,
         sha256: Some(sha256),
-        parent: None,
-        version: 1,
+        parent: lineage.parent,
+        version: lineage.version,
     };
     drop((map, held));
     let done = Progress::done(claim.job.progress.max_iterations, &record.fit);
@@ -160,9 +164,24 @@ fn work(
     }
 }
 
-/// The fit and its covariance. `progress` is kept up to date; `stop` ends the work within a step.
+/// The poses of the map that an update goes on from; none where it is gone, and the fit goes the whole way.
+async fn poses_before(workshop: &Workshop, tenant: &str, lineage: &Lineage) -> Vec<Pose> {
+    let Some(parent) = &lineage.parent else { return Vec::new() };
+    let found = async {
+        let record = workshop.records.map(tenant, parent).await?;
+        let Some(record) = record else { return Ok(Vec::new()) };
+        Ok::<_, AttemptError>(FittedMap::poses_in_npz(&workshop.artifacts.get(&record.prefix, "map.npz").await?)?)
+    };
+    found.await.unwrap_or_else(|error| {
+        tracing::warn!(map = %parent, %error, "an update's parent cannot be read; the fit begins without it");
+        Vec::new()
+    })
+}
+
+/// The fit and its covariance, on from `before`, the poses of a map of the first of the scans. `progress` is kept up to date; `stop` ends the work within a step.
 pub fn fit_request(
     request: &JobRequest,
+    before: &[Pose],
     progress: &Mutex<Progress>,
     stop: &AtomicBool,
 ) -> Result<FittedMap, SurveyError> {
@@ -170,7 +189,9 @@ pub fn fit_request(
         report(progress, step);
         if stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    request.survey().map_watched(&observer)
+    let survey = request.survey();
+    let survey = if before.is_empty() { survey } else { survey.on(before) };
+    survey.map_watched(&observer)
 }
 
 /// What the fit and its covariance take of the whole, in per cent: little is before them, and little after.

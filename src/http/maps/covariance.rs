@@ -16,7 +16,7 @@ use crate::http::shared::compute::{Leash, Queue};
 use crate::http::shared::negotiate::{Binary, Format, JSON, NPZ};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused, to_json};
-use crate::jobs::JobRequest;
+use crate::jobs::Stored;
 use crate::map::FittedMap;
 use crate::map::npz::NpzWriter;
 use crate::map::{factors_npz, on_lattice_npz, scipy_sparse};
@@ -153,8 +153,9 @@ async fn factors(wanted: &Wanted) -> Result<Arc<Factors>, Problem> {
         if let Some(known) = again.known_factors(&id) {
             return Ok(known);
         }
-        let json = zstd::decode_all(&packed[..]).map_err(|error| Problem::internal(&error))?;
-        let request = JobRequest::parse(&json, &limits).map_err(|error| Problem::internal(&error))?;
+        let stored = zstd::decode_all(&packed[..]).map_err(|error| Problem::internal(&error))?;
+        let request = Stored::read(&stored).and_then(|stored| stored.request(&limits));
+        let request = request.map_err(|error| Problem::internal(&error))?;
         let formed = Arc::new(request.factors(&map).map_err(|error| Problem::internal(&error))?);
         again.keep_factors(&id, &formed);
         Ok(formed)

@@ -32,6 +32,7 @@ pub async fn relabelling(state: &AppState, headers: &HeaderMap, body: Body) -> R
     let (name, labels) = JobRequest::parse_labels(&json).map_err(|error| match error {
         RequestError::Document(error) => error.into(),
         RequestError::Faults(faults) => Problem::invalid(faults),
+        damaged @ RequestError::Damaged(_) => Problem::internal(&damaged),
     })?;
     Ok(Relabelling { name, labels })
 }
