@@ -32,6 +32,7 @@
 //! | [`map`] | a fitted map: surfaces, queries, files; [`Survey`] is the front door |
 //! | [`render`] | contours, occupancy grids, rasters, pictures |
 //! | [`localize`] | a pose from scans and a map that is itself uncertain |
+//! | [`living`] | maps in time: what differs between two of them |
 //! | [`sim`] | worlds with exact truth, a simulated LiDAR |
 //! | [`reproduce`] | the method's experiments, figure by figure |
 //! | `import` | CARMEN logs to job requests |
@@ -48,6 +49,7 @@
 
 pub mod fit;
 pub mod geometry;
+pub mod living;
 pub mod localize;
 pub mod map;
 pub mod render;

@@ -8,7 +8,16 @@ use mapfit::uncertainty::Kind;
 use proptest::prelude::*;
 
 fn scan(pose: Pose, angle_min: f64, angle_increment: f64, ranges: Vec<f64>) -> LaserScan {
-    LaserScan { pose, pose_covariance: None, angle_min, angle_increment, range_min: 0.05, range_max: 20.0, ranges }
+    LaserScan {
+        pose,
+        pose_covariance: None,
+        sigma_range: None,
+        angle_min,
+        angle_increment,
+        range_min: 0.05,
+        range_max: 20.0,
+        ranges,
+    }
 }
 
 /// Scans of few beams, some without a return; many from one place; all of them alike; one wall and nothing else.

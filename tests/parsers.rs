@@ -54,6 +54,7 @@ fn stranger() -> impl Strategy<Value = Value> {
 /// A request that is accepted can be fitted: its numbers are finite, and no larger than the limits.
 fn accepted_is_whole(parsed: &Result<JobRequest, RequestError>) -> Result<(), TestCaseError> {
     match parsed {
+        Err(RequestError::Damaged(_)) => prop_assert!(false, "nothing is stored here"),
         Ok(request) => {
             prop_assert!(request.lattice.len() <= LIMITS.control_points && request.lattice.resolution > 0.0);
             prop_assert!(request.scans.len() <= LIMITS.scans);

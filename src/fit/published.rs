@@ -23,7 +23,7 @@ use super::signed::{largest, least_squares};
 use super::surfels::normals;
 use super::system::System;
 use super::vector::DEFAULT_BAND;
-use super::viewpoint::{Viewpoint, information, onto_one_to_two, returns_inside, viewpoints};
+use super::viewpoint::{Viewpoint, information, onto_one_to_two, range_sigma, returns_inside, viewpoints};
 use super::{FitError, Job, Observer, Progress, in_use};
 use crate::geometry::Vec2;
 use crate::scan::Return;
@@ -47,7 +47,11 @@ const RIDGE: f64 = 1e-9;
 pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, FitError> {
     let &Job { scans, noise, lattice, options, .. } = job;
     let returns = returns_inside(scans, lattice)?;
-    let mut weights = Weights::resolve(options, lattice.resolution, information(lattice, &returns, noise.sigma_range));
+    let mut weights = Weights::resolve(
+        options,
+        lattice.resolution,
+        information(lattice, &returns, range_sigma(scans, noise, &returns)),
+    );
     weights.smoothing = options.smoothing.unwrap_or(SMOOTHING);
     weights.poses = Poses::Fixed;
     let viewpoints = viewpoints(scans, noise, weights.model_sigma)?;
@@ -370,7 +374,14 @@ mod tests {
         let lattice = Lattice::covering(&bounds, 0.25, 1_000).unwrap();
         let scans = scenario.scans(1);
         let options = FitOptions { weighting: Weighting::Paper, max_iterations: 1, ..Default::default() };
-        let job = Job { scans: &scans, noise: &scenario.noise, lattice: &lattice, options: &options, end: None };
+        let job = Job {
+            scans: &scans,
+            noise: &scenario.noise,
+            lattice: &lattice,
+            options: &options,
+            end: None,
+            before: None,
+        };
         let fit = fit(&job, &mut |_| std::ops::ControlFlow::Continue(())).unwrap();
         let returns = returns_inside(&scans, &lattice).unwrap();
         let trust = vec![1.5; returns.len()];

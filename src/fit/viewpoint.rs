@@ -41,6 +41,17 @@ pub(super) fn scatter(returns: &[Return], viewpoints: &[Viewpoint]) -> f64 {
     *scatter.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
+/// The standard deviation of a range, metres: where scans differ, the one with which as many returns know as much.
+pub(super) fn range_sigma(scans: &[LaserScan], noise: &Noise, returns: &[Return]) -> f64 {
+    let own = |seen: &Return| scans[seen.scan].sigma_range(noise);
+    let first = returns.first().map_or(noise.sigma_range, own);
+    if returns.iter().all(|seen| own(seen) == first) {
+        return first;
+    }
+    let known: f64 = returns.iter().map(|seen| own(seen).powi(-2)).sum();
+    (returns.len() as f64 / known).sqrt()
+}
+
 /// How many times over returns of such a sigma determine a cell of wall: returns an occupied cell x (h / sigma)^2.
 pub(super) fn information(lattice: &Lattice, returns: &[Return], sigma: f64) -> f64 {
     let mut cells: Vec<usize> =
@@ -60,7 +71,7 @@ pub(super) fn viewpoints(scans: &[LaserScan], noise: &Noise, model_sigma: f64) -
             let root = psd_square_root(&covariance).ok_or(FitError::PoseCovariance { scan })?;
             let noise = ReturnNoise {
                 pose: Some(covariance),
-                range_variance: noise.sigma_range.powi(2),
+                range_variance: laser.sigma_range(noise).powi(2),
                 model_variance: model_sigma.powi(2),
             };
             Ok(Viewpoint { position: laser.pose.position(), root, noise })

@@ -20,10 +20,10 @@ use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::about::{self, console, metrics, usage};
-use super::jobs::{change, events, status, submit};
+use super::jobs::{change, events, status, submit, update};
 use super::layers::compression::Texts;
 use super::layers::{conventions, counted, guard, keys};
-use super::maps::{arrays, covariance, localize, pictures, query, record, tiles};
+use super::maps::{arrays, changes, covariance, localize, pictures, query, record, tiles};
 use super::places::{publish, read};
 use super::shared::problem::Problem;
 use super::shared::state::HttpLimits;
@@ -53,6 +53,7 @@ fn described() -> OpenApiRouter<AppState> {
         .routes(routes!(events::get_job_events))
         .routes(routes!(status::get_job_request))
         .routes(routes!(record::list_maps))
+        .routes(routes!(update::update_map))
         .routes(routes!(record::get_map, record::delete_map, record::relabel_map))
         .routes(routes!(arrays::get_map_coefficients))
         .routes(routes!(arrays::get_map_surfaces))
@@ -60,6 +61,7 @@ fn described() -> OpenApiRouter<AppState> {
         .routes(routes!(covariance::get_map_covariance))
         .routes(routes!(query::query_map))
         .routes(routes!(localize::localize_scans))
+        .routes(routes!(changes::get_map_changes))
         .routes(routes!(pictures::get_map_contours))
         .routes(routes!(pictures::get_map_ogm))
         .routes(routes!(pictures::get_map_grid))

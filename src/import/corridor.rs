@@ -47,6 +47,7 @@ pub fn parse_corridor(walls: &str, scans: &str) -> Result<Survey, CorridorError>
     let scans = log.scans.into_iter().map(|scan| LaserScan {
         pose: pose(scan.pose_true),
         pose_covariance: None,
+        sigma_range: None,
         angle_min: log.angle_min,
         angle_increment: log.angle_increment,
         range_min: lidar.range_min,

@@ -71,6 +71,7 @@ mod tests {
         let scan = |pose: &Pose| LaserScan {
             pose: *pose,
             pose_covariance: None,
+            sigma_range: None,
             angle_min: 0.0,
             angle_increment: 0.1,
             range_min: 0.1,

@@ -1,9 +1,10 @@
 //! A job's life: what is asked for, and what is known of it.
 //!
-//! [`request`] turns JSON into a validated [`JobRequest`], listing every fault; [`record`] has the states a job goes
+//! [`request`] turns JSON into a validated [`JobRequest`], listing every fault; [`Stored`] is what is kept of it, and of the updates of its map; [`record`] has the states a job goes
 //! through, [`lifecycle`] what it does where attempts fail. Records are kept by the [store](crate::store) and worked on by the [worker](crate::worker).
 
 pub mod document;
+pub mod labels;
 pub mod lifecycle;
 mod limits;
 mod reader;
@@ -11,10 +12,13 @@ pub mod record;
 pub mod request;
 mod retention;
 mod sightings;
+mod stored;
+mod update;
 
 pub use document::DocumentError;
 pub use limits::{Fault, Limits};
 pub use record::{Job, JobStatus, MapRecord, ProblemReport, Progress};
-pub use request::{JobRequest, RequestError};
+pub use request::{Area, JobRequest, RequestError};
 pub use retention::{Retention, Rule as Retain};
 pub use sightings::Sightings;
+pub use stored::{Lineage, Stored};

@@ -34,20 +34,6 @@ impl<'a> Reader<'a> {
         None
     }
 
-    /// What was read, where nothing was faulty.
-    pub fn settled<T>(mut self, read: Option<T>) -> Result<T, Vec<Fault>> {
-        match read {
-            Some(read) if self.faults.is_empty() => Ok(read),
-            _ => {
-                if self.unlisted > 0 {
-                    let detail = format!("{} more faults are not listed", self.unlisted);
-                    self.faults.push(Fault { pointer: String::new(), detail });
-                }
-                Err(self.faults)
-            }
-        }
-    }
-
     pub fn required<T>(
         &mut self,
         node: &Node,

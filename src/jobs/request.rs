@@ -10,7 +10,7 @@ use thiserror::Error;
 
 use super::document::{DocumentError, Node};
 use super::limits::{Fault, Limits};
-use super::reader::{FARTHEST, LONGEST_TEXT, Reader};
+use super::reader::{FARTHEST, Reader};
 use crate::fit::{self, Distance, Estimate, FitOptions, Footprint, Poses, Weighting};
 use crate::geometry::{Bounds, Cov3, Pose, Vec2, psd_square_root};
 use crate::map::{self, Cost, FittedMap, Survey, SurveyError};
@@ -23,6 +23,8 @@ pub enum RequestError {
     Document(#[from] DocumentError),
     #[error("the request has {} fault(s)", .0.len())]
     Faults(Vec<Fault>),
+    #[error("what the store keeps of the request is damaged: {0}")]
+    Damaged(&'static str),
 }
 
 /// A request that can be fitted.
@@ -35,17 +37,24 @@ pub struct JobRequest {
     pub noise: Noise,
     pub distance: Distance,
     pub lattice: Lattice,
+    /// What the lattice was laid out for.
+    pub area: Area,
     pub options: FitOptions,
     /// From submission.
     pub deadline_seconds: Option<f64>,
 }
 
-/// A name or none, and labels, each where it is mentioned.
-pub type LabelChange = (Option<Option<String>>, Option<BTreeMap<String, String>>);
+/// The area a map is to cover.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Area {
+    /// As asked for; `None`: what the scans met and where they were taken from, and `margin` around it.
+    pub bounds: Option<Bounds>,
+    /// Metres.
+    pub margin: f64,
+}
 
 /// Standard deviations outside this cannot be squared into anything useful.
 const SIGMAS: (f64, f64) = (1e-6, 1e3);
-const MOST_LABELS: usize = 64;
 /// Seconds: a job that ends in less was never begun, and one of more than a month has no deadline.
 const DEADLINES: (f64, f64) = (0.001, 2_678_400.0);
 
@@ -85,71 +94,73 @@ impl JobRequest {
         need.filter(|need| *need > bytes as f64)
     }
 
-    /// Reads a change of name and labels: the name, where it is mentioned at all, and the labels, likewise.
-    pub fn parse_labels(json: &[u8]) -> Result<LabelChange, RequestError> {
-        let limits = Limits::default();
-        let document = Node::parse(json, limits.values)?;
-        let mut reader = Reader::new(&limits);
-        if !matches!(document, Node::Object(_)) {
-            let _: Option<()> = reader.fault("", format!("a change is an object, not {}", document.kind()));
-            return Err(RequestError::Faults(reader.faults));
-        }
-        reader.known(&document, "", &["name", "labels"]);
-        let name = reader.optional(&document, "", "name", Reader::text);
-        let labels = reader.optional(&document, "", "labels", Reader::labels);
-        match (name, labels, reader.faults.is_empty()) {
-            (Some(name), Some(labels), true) => {
-                let labels = document.member("labels").map(|_| labels.unwrap_or_default());
-                Ok((document.member("name").map(|_| name), labels))
-            }
-            _ => Err(RequestError::Faults(reader.faults)),
-        }
-    }
-
     /// Reads and validates a request.
     pub fn parse(json: &[u8], limits: &Limits) -> Result<Self, RequestError> {
         let document = Node::parse(json, limits.values)?;
         let mut reader = Reader::new(limits);
         let request = reader.request(&document);
-        reader.settled(request).map_err(RequestError::Faults)
+        reader.concluded(request)
     }
 }
 
 impl Reader<'_> {
     fn request(&mut self, document: &Node) -> Option<JobRequest> {
-        if !matches!(document, Node::Object(_)) {
-            return self.fault("", format!("a job is an object, not {}", document.kind()));
-        }
-        self.known(document, "", &["name", "labels", "scans", "noise", "map", "fit", "priority", "deadline_seconds"]);
-        let deadline =
-            self.optional(document, "", "deadline_seconds", |r, n, p| r.positive(n, p, DEADLINES.0, DEADLINES.1));
-        let name = self.optional(document, "", "name", Self::text);
-        let labels = self.optional(document, "", "labels", Self::labels);
-        let priority = self.optional(document, "", "priority", |r, n, p| r.integer(n, p, -1000, 1000));
-        let scans = self.required(document, "", "scans", Self::scans);
-        let noise = self.required(document, "", "noise", Self::noise);
-        let options = self.optional(document, "", "fit", Self::fit);
+        let known = ["name", "labels", "scans", "noise", "map", "fit", "priority", "deadline_seconds"];
+        let campaign = self.campaign(document, &known)?;
         let map = self.required(document, "", "map", Self::map);
-        let seen = scans.as_deref().and_then(|scans| self.returns(scans));
-        let lattice = match (&scans, &seen, &map) {
+        let seen = campaign.scans.as_deref().and_then(|scans| self.returns(scans));
+        let lattice = match (&campaign.scans, &seen, &map) {
             (Some(scans), Some(seen), Some(map)) => self.lattice(scans, seen, map),
             _ => None,
         };
-        let (scans, noise, lattice) = (scans?, noise?, lattice?);
+        let (scans, noise, lattice, map) = (campaign.scans?, campaign.noise?, lattice?, map?);
         Some(JobRequest {
-            name: name?,
-            labels: labels?.unwrap_or_default(),
-            priority: priority?.unwrap_or(0) as i32,
+            name: campaign.name?,
+            labels: campaign.labels?.unwrap_or_default(),
+            priority: campaign.priority?.unwrap_or(0) as i32,
             scans,
             noise,
-            distance: map?.distance,
+            distance: map.distance,
             lattice,
-            options: options?.unwrap_or_default(),
-            deadline_seconds: deadline?,
+            area: map.area,
+            options: campaign.options?.unwrap_or_default(),
+            deadline_seconds: campaign.deadline_seconds?,
         })
     }
 
-    fn returns(&mut self, scans: &[LaserScan]) -> Option<Vec<Vec2>> {
+    /// What all that is fitted has in common; `None` where the document is no object.
+    pub(super) fn campaign(&mut self, document: &Node, known: &[&str]) -> Option<Campaign> {
+        if !matches!(document, Node::Object(_)) {
+            return self.fault("", format!("a job is an object, not {}", document.kind()));
+        }
+        self.known(document, "", known);
+        Some(Campaign {
+            deadline_seconds: self
+                .optional(document, "", "deadline_seconds", |r, n, p| r.positive(n, p, DEADLINES.0, DEADLINES.1)),
+            name: self.optional(document, "", "name", Self::text),
+            labels: self.optional(document, "", "labels", Self::labels),
+            priority: self.optional(document, "", "priority", |r, n, p| r.integer(n, p, -1000, 1000)),
+            scans: self.required(document, "", "scans", Self::scans),
+            noise: self.required(document, "", "noise", Self::noise),
+            options: self.optional(document, "", "fit", Self::fit),
+        })
+    }
+
+    /// What was read, or the faults there were.
+    pub(super) fn concluded<T>(mut self, read: Option<T>) -> Result<T, RequestError> {
+        match read {
+            Some(read) if self.faults.is_empty() => Ok(read),
+            _ => {
+                if self.unlisted > 0 {
+                    let detail = format!("{} more faults are not listed", self.unlisted);
+                    self.faults.push(Fault { pointer: String::new(), detail });
+                }
+                Err(RequestError::Faults(self.faults))
+            }
+        }
+    }
+
+    pub(super) fn returns(&mut self, scans: &[LaserScan]) -> Option<Vec<Vec2>> {
         let returns: Vec<Vec2> = returns_of(scans).into_iter().map(|seen| seen.point).collect();
         if returns.is_empty() {
             return self.fault("/scans", "no beam of any scan has a return in [range_min, range_max]");
@@ -157,11 +168,11 @@ impl Reader<'_> {
         Some(returns)
     }
 
-    fn lattice(&mut self, scans: &[LaserScan], seen: &[Vec2], map: &MapPart) -> Option<Lattice> {
-        let bounds = match map.bounds {
+    pub(super) fn lattice(&mut self, scans: &[LaserScan], seen: &[Vec2], map: &MapPart) -> Option<Lattice> {
+        let bounds = match map.area.bounds {
             Some(bounds) => bounds,
             None => Bounds::around(seen.iter().copied().chain(scans.iter().map(|scan| scan.pose.position())))?
-                .grown(map.margin),
+                .grown(map.area.margin),
         };
         if bounds.min.iter().chain(&bounds.max).any(|v| v.abs() > 4.0 * FARTHEST) {
             return self.fault("/map/bounds", "the map's area is too far from the origin");
@@ -235,6 +246,7 @@ impl Reader<'_> {
         Some(LaserScan {
             pose: pose?,
             pose_covariance: pose_covariance?,
+            sigma_range: None,
             angle_min: angle_min?,
             angle_increment: angle_increment?,
             range_min: range_min?,
@@ -305,7 +317,8 @@ impl Reader<'_> {
         let margin = self.optional(node, at, "margin", |r, n, p| r.number(n, p, 0.0, 1e4));
         let distance = if distance? == "vdf" { Distance::Vector } else { Distance::Signed };
         let resolution = resolution?;
-        Some(MapPart { distance, resolution, bounds: bounds?, margin: margin?.unwrap_or(3.0 * resolution) })
+        let area = Area { bounds: bounds?, margin: margin?.unwrap_or(3.0 * resolution) };
+        Some(MapPart { distance, resolution, area })
     }
 
     fn bounds(&mut self, node: &Node, at: &str) -> Option<Bounds> {
@@ -360,31 +373,22 @@ impl Reader<'_> {
             band: band?,
         })
     }
-
-    fn labels(&mut self, node: &Node, at: &str) -> Option<BTreeMap<String, String>> {
-        let Node::Object(members) = node else {
-            return self.fault(at, format!("must be an object of strings, not {}", node.kind()));
-        };
-        if members.len() > MOST_LABELS {
-            return self.fault(at, format!("{} labels; the limit is {MOST_LABELS}", members.len()));
-        }
-        let mut labels = BTreeMap::new();
-        for (key, value) in members {
-            let pointer = format!("{at}/{}", key.replace('~', "~0").replace('/', "~1"));
-            if key.is_empty() || key.len() > LONGEST_TEXT || key.contains([':', '\0']) {
-                self.fault::<()>(&pointer, "a label's key has 1 to 256 bytes, no colon and no U+0000");
-            }
-            if let Some(value) = self.text(value, &pointer) {
-                labels.insert(key.clone(), value);
-            }
-        }
-        Some(labels)
-    }
 }
 
-struct MapPart {
-    distance: Distance,
-    resolution: f64,
-    bounds: Option<Bounds>,
-    margin: f64,
+/// A map as it is asked for.
+pub(super) struct MapPart {
+    pub distance: Distance,
+    pub resolution: f64,
+    pub area: Area,
+}
+
+/// What all that is fitted has in common, member by member; what is faulty is `None`.
+pub(super) struct Campaign {
+    pub name: Option<Option<String>>,
+    pub labels: Option<Option<BTreeMap<String, String>>>,
+    pub priority: Option<Option<i64>>,
+    pub scans: Option<Vec<LaserScan>>,
+    pub noise: Option<Noise>,
+    pub options: Option<Option<FitOptions>>,
+    pub deadline_seconds: Option<Option<f64>>,
 }

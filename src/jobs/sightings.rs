@@ -32,7 +32,7 @@ impl Sightings {
         let document = Node::parse(json, limits.values)?;
         let mut reader = Reader::new(limits);
         let read = reader.sightings(&document);
-        reader.settled(read).map_err(RequestError::Faults)
+        reader.concluded(read)
     }
 }
 

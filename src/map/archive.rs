@@ -76,6 +76,11 @@ impl FittedMap {
         Ok(npz.finish()?)
     }
 
+    /// The poses alone of a `map.npz`.
+    pub fn poses_in_npz(bytes: &[u8]) -> Result<Vec<Pose>, ArchiveError> {
+        Ok(poses_of(&NpzReader::new(bytes, LARGEST_ARRAY)?.array::<f64>("poses")?))
+    }
+
     /// A map from its `map.npz`.
     pub fn from_npz(bytes: &[u8]) -> Result<Self, ArchiveError> {
         let mut npz = NpzReader::new(bytes, LARGEST_ARRAY)?;
@@ -112,13 +117,17 @@ impl FittedMap {
             surfaces,
             clearance: Clearance::default(),
             report,
-            poses: triples.chunks_exact(3).map(|p| Pose::new(p[0], p[1], p[2])).collect(),
+            poses: poses_of(&triples),
             pose_covariance,
             returns: pairs.chunks_exact(2).map(|p| Vec2::new(p[0], p[1])).collect(),
             noise: Noise { sigma_x, sigma_y, sigma_theta, sigma_range },
             resume,
         })
     }
+}
+
+fn poses_of(triples: &[f64]) -> Vec<Pose> {
+    triples.chunks_exact(3).map(|p| Pose::new(p[0], p[1], p[2])).collect()
 }
 
 fn write_surfaces(npz: &mut NpzWriter, surfaces: &Surfaces, names: [&str; 3]) -> Result<(), NpzError> {

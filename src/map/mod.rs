@@ -21,6 +21,7 @@ pub use cost::{Cost, cost};
 pub use field::{CellCovariance, Field, VectorAt};
 pub(crate) use query::normal_cdf;
 pub use query::{Answer, SlopeCovariance};
+pub(crate) use surfaces::STRAY;
 pub(crate) use surfaces::level::level_lines;
 pub(crate) use surfaces::lines::zero_lines;
 pub(crate) use surfaces::samples::Samples;

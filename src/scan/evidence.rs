@@ -305,6 +305,7 @@ mod tests {
         let scan = LaserScan {
             pose: Pose::new(0.0, 0.0, 0.0),
             pose_covariance: None,
+            sigma_range: None,
             angle_min: 0.0,
             angle_increment: 1f64.to_radians(),
             range_min: 0.1,

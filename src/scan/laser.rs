@@ -8,6 +8,9 @@ pub struct LaserScan {
     pub pose: Pose,
     /// The pose's own covariance in (x, y, theta); it replaces the pose part of [`Noise`].
     pub pose_covariance: Option<Cov3>,
+    /// The standard deviation of its own ranges, metres; it replaces that of [`Noise`]. Scans of several requests are
+    /// fitted together.
+    pub sigma_range: Option<f64>,
     pub angle_min: f64,
     pub angle_increment: f64,
     pub range_min: f64,
@@ -30,6 +33,18 @@ impl LaserScan {
     /// The covariance of the scan's pose.
     pub fn pose_covariance(&self, noise: &Noise) -> Cov3 {
         self.pose_covariance.unwrap_or_else(|| noise.pose_covariance())
+    }
+
+    /// The standard deviation of the scan's ranges, metres.
+    pub fn sigma_range(&self, noise: &Noise) -> f64 {
+        self.sigma_range.unwrap_or(noise.sigma_range)
+    }
+
+    /// The same scan with a noise of its own, whatever it is fitted with.
+    pub fn with_noise(mut self, noise: &Noise) -> Self {
+        self.pose_covariance = Some(self.pose_covariance(noise));
+        self.sigma_range = Some(self.sigma_range(noise));
+        self
     }
 }
 

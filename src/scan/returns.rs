@@ -55,6 +55,7 @@ mod tests {
         let scan = LaserScan {
             pose: Pose::new(x, y, theta),
             pose_covariance: None,
+            sigma_range: None,
             angle_min: 0.3,
             angle_increment: 0.1,
             range_min: 0.05,

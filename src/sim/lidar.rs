@@ -64,6 +64,7 @@ pub fn simulate(scene: &impl Scene, lidar: &Lidar, poses: &[Pose], noise: &Noise
                     pose.theta + normal(noise.sigma_theta),
                 ),
                 pose_covariance: None,
+                sigma_range: None,
                 angle_min: lidar.angle_min(),
                 angle_increment: lidar.angle_increment(),
                 range_min: lidar.range_min,

@@ -14,8 +14,9 @@ use uuid::Uuid;
 use super::Workshop;
 use super::clock::Clock;
 use crate::fit::FitError;
+use crate::geometry::Pose;
 use crate::jobs::lifecycle::{MAX_ATTEMPTS, backoff, runs_again};
-use crate::jobs::{JobRequest, MapRecord, ProblemReport, Progress, RequestError};
+use crate::jobs::{JobRequest, Lineage, MapRecord, ProblemReport, Progress, RequestError, Stored};
 use crate::map::{ArchiveError, FittedMap, MapError, Stage, Step, SurveyError};
 use crate::store::{Artifacts, ArtifactsError, Claim, MAP_FILE, StoreError};
 use crate::uncertainty::UncertaintyError;
@@ -125,19 +126,22 @@ fn work(
     (progress, clock): (&Mutex<Progress>, &Clock),
     stop: &AtomicBool,
 ) -> Result<(), AttemptError> {
-    let json = zstd::decode_all(&claim.request[..]).map_err(AttemptError::Unpack)?;
-    let request = JobRequest::parse(&json, &workshop.limits)?;
-    drop(json);
+    let (request, lineage) = {
+        let stored = zstd::decode_all(&claim.request[..]).map_err(AttemptError::Unpack)?;
+        let stored = Stored::read(&stored)?;
+        (stored.request(&workshop.limits)?, stored.lineage)
+    };
     set_stage(progress, "waiting for memory", 0.0);
     let goes_on = || !stop.load(Ordering::Relaxed);
     let (_, cost) = request.cost(&goes_on).ok_or(AttemptError::Stopped)?;
     let held = clock.without(|| workshop.memory.reserve(cost.bytes as u64, &goes_on)).ok_or(AttemptError::Stopped)?;
     set_stage(progress, "fitting", 0.0);
-    let map = fit_request(&request, progress, stop)?;
+    let before = runtime.block_on(poses_before(workshop, &claim.job.tenant, &lineage));
+    let map = fit_request(&request, &before, progress, stop)?;
     set_stage(progress, "storing", WHOLE.1);
     let fitted = Instant::now();
     let bytes = map.to_npz()?;
-    let record = record_of(claim, &map, prefix, &bytes);
+    let record = record_of(claim, &map, (prefix, &bytes), lineage);
     drop((map, held));
     runtime.block_on(keep(workshop, prefix, bytes, stop))?;
     let done = Progress::done(claim.job.progress.max_iterations, &record.fit);
@@ -150,7 +154,7 @@ fn work(
     }
 }
 
-fn record_of(claim: &Claim, map: &FittedMap, prefix: &str, bytes: &[u8]) -> MapRecord {
+fn record_of(claim: &Claim, map: &FittedMap, (prefix, bytes): (&str, &[u8]), lineage: Lineage) -> MapRecord {
     MapRecord {
         id: Uuid::now_v7().to_string(),
         job_id: claim.job.id.clone(),
@@ -164,8 +168,8 @@ fn record_of(claim: &Claim, map: &FittedMap, prefix: &str, bytes: &[u8]) -> MapR
         prefix: prefix.to_owned(),
         bytes: bytes.len() as i64,
         sha256: Some(hex::encode(Sha256::digest(bytes))),
-        parent: None,
-        version: 1,
+        parent: lineage.parent,
+        version: lineage.version,
     }
 }
 
@@ -195,9 +199,26 @@ async fn keep(workshop: &Workshop, prefix: &str, bytes: Vec<u8>, stop: &AtomicBo
     }
 }
 
-/// The fit and its covariance. `progress` is kept up to date; `stop` ends the work within a step.
+/// The poses of the map that an update goes on from; none where it is gone, and the fit goes the whole way.
+async fn poses_before(workshop: &Workshop, tenant: &str, lineage: &Lineage) -> Vec<Pose> {
+    let Some(parent) = &lineage.parent else { return Vec::new() };
+    let found = async {
+        let record = workshop.records.map(tenant, parent).await?;
+        let Some(record) = record else { return Ok(Vec::new()) };
+        Ok::<_, AttemptError>(FittedMap::poses_in_npz(
+            &workshop.artifacts.get(&record.prefix, MAP_FILE, record.sha256.as_deref()).await?,
+        )?)
+    };
+    found.await.unwrap_or_else(|error| {
+        tracing::warn!(map = %parent, %error, "an update's parent cannot be read; the fit begins without it");
+        Vec::new()
+    })
+}
+
+/// The fit and its covariance, on from `before`, the poses of a map of the first of the scans. `progress` is kept up to date; `stop` ends the work within a step.
 pub fn fit_request(
     request: &JobRequest,
+    before: &[Pose],
     progress: &Mutex<Progress>,
     stop: &AtomicBool,
 ) -> Result<FittedMap, SurveyError> {
@@ -205,7 +226,9 @@ pub fn fit_request(
         report(progress, step);
         if stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    request.survey().map_watched(&observer)
+    let survey = request.survey();
+    let survey = if before.is_empty() { survey } else { survey.on(before) };
+    survey.map_watched(&observer)
 }
 
 /// What the fit and its covariance take of the whole, in per cent: little is before them, and little after.

@@ -33,7 +33,7 @@ use super::estimate::{Distance, Estimate, Minimum};
 use super::options::{FitOptions, MOST_TRUST, Poses, Weighting, Weights};
 use super::surfels::{Surfel, Surfels, normals, standing};
 use super::system::Factor;
-use super::viewpoint::{Viewpoint, corrected, information, returns_inside, viewpoints};
+use super::viewpoint::{Viewpoint, corrected, information, pose_unknowns, range_sigma, returns_inside, viewpoints};
 use super::{End, FitError, Job, Observer, Progress, gauge, in_use, why_not};
 use crate::geometry::Pose;
 use crate::scan::{LaserScan, Noise, Return};
@@ -67,7 +67,7 @@ const MOST_STEPS: usize = 20;
 pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, FitError> {
     let &Job { scans, noise, lattice, options, .. } = job;
     let mut returns = returns_inside(scans, lattice)?;
-    let weights = vector_weights(options, lattice, information(lattice, &returns, noise.sigma_range));
+    let weights = vector_weights(options, lattice, information(lattice, &returns, range_sigma(scans, noise, &returns)));
     let viewpoints = viewpoints_of(scans, noise, &weights)?;
     let mut evidence = job.evidence(observer)?;
     let refined = weights.poses == Poses::Refined;
@@ -83,7 +83,7 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
 
     let (mut gathered, mut z) = match job.end {
         Some(end) => place.ended(end, &mut returns)?,
-        None => place.rounds(&mut returns, options, &mut cholesky, observer)?,
+        None => place.rounds(&mut returns, job, &mut cholesky, observer)?,
     };
     let (objective, minimum) = match job.end {
         Some(_) => place.assembled(&mut gathered, &z)?,
@@ -183,12 +183,18 @@ impl Place<'_> {
     fn rounds(
         &self,
         returns: &mut [Return],
-        options: &FitOptions,
+        job: &Job<'_>,
         cholesky: &mut Cholesky,
         observer: Observer<'_>,
     ) -> Result<(Gathered, Vec<f64>), FitError> {
-        let rounds = if self.refined() { MOST_ROUNDS.min(options.max_iterations) } else { 1 };
+        let rounds = if self.refined() { MOST_ROUNDS.min(job.options.max_iterations) } else { 1 };
         let mut e = vec![0.0; 3 * self.scans.len()];
+        if let Some(before) = job.before.filter(|_| self.refined()) {
+            let known = before.poses.len().min(self.scans.len());
+            let own = pose_unknowns(&self.scans[..known], job.noise, &before.poses[..known])?;
+            e[..own.len()].copy_from_slice(&own);
+            put(returns, self.scans, &self.poses(&e));
+        }
         let mut progress = Progress { max_iterations: rounds + 1, ..Progress::NONE };
         loop {
             observe(observer, &progress)?;
@@ -355,7 +361,14 @@ pub(super) mod tests {
         let noise = Noise { sigma_x: 0.001, sigma_y: 0.001, sigma_theta: 1e-4, sigma_range: 0.005 };
         let bounds = crate::geometry::Bounds { min: [-0.5, -0.5], max: [8.5, 2.5] };
         let lattice = Lattice::covering(&bounds, 0.25, 10_000).unwrap();
-        let job = Job { scans: &scans, noise: &noise, lattice: &lattice, options: &FitOptions::default(), end: None };
+        let job = Job {
+            scans: &scans,
+            noise: &noise,
+            lattice: &lattice,
+            options: &FitOptions::default(),
+            end: None,
+            before: None,
+        };
         let fit = fit(&job, &mut |_| ControlFlow::Continue(())).unwrap();
         assert!(fit.converged && fit.minimum.relative_gradient < 1e-10);
         for (x, y) in [(1.0, 0.0), (2.3, 0.4), (4.1, 0.6), (5.0, 2.0), (6.2, 1.5)] {

@@ -7,3 +7,4 @@ pub mod record;
 pub mod schema;
 pub mod status;
 pub mod submit;
+pub mod update;

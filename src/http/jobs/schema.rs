@@ -32,6 +32,30 @@ pub struct JobRequestBody {
     deadline_seconds: Option<f64>,
 }
 
+/// New scans for a map that is there: a job request without `map`.
+#[derive(Deserialize, ToSchema)]
+#[schema(as = UpdateRequest)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code)]
+pub struct UpdateRequestBody {
+    #[schema(max_length = 256)]
+    name: Option<String>,
+    /// Keys have no colon; 64 labels at most, 256 bytes each.
+    labels: Option<BTreeMap<String, String>>,
+    #[schema(min_items = 1)]
+    scans: Vec<ScanBody>,
+    /// Of these scans; those of before keep theirs.
+    noise: NoiseBody,
+    /// How the parent was fitted, where it is left out.
+    fit: Option<FitRequestBody>,
+    /// Higher runs first.
+    #[schema(minimum = -1000, maximum = 1000)]
+    priority: Option<i32>,
+    /// From submission; past it the job is failed.
+    #[schema(minimum = 0.001, maximum = 2678400.0)]
+    deadline_seconds: Option<f64>,
+}
+
 /// One laser scan; beam k has bearing angle_min + k angle_increment from the pose's heading.
 #[derive(Deserialize, ToSchema)]
 #[schema(as = Scan)]

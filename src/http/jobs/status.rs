@@ -14,7 +14,7 @@ use crate::http::shared::page::Page;
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
 use crate::http::shared::{AppState, Caller, Scope};
-use crate::jobs::{Job, JobStatus};
+use crate::jobs::{Job, JobStatus, Stored};
 use crate::store::{Cancellation, Listing, Removal};
 
 /// List jobs, newest first.
@@ -75,7 +75,7 @@ pub async fn get_job(
     Ok(Json(job.into()))
 }
 
-/// The accepted request, whole.
+/// The accepted request, whole; of an update, that is the new scans'.
 #[utoipa::path(get, operation_id = "get_job_request", path = "/v1/jobs/{id}/request", tag = "jobs", security(("key" = ["read"])), params(("id" = String, Path)),
     responses((status = 200, description = "the request as it was accepted", body = JobRequestBody), Refused))]
 pub async fn get_job_request(
@@ -87,7 +87,11 @@ pub async fn get_job_request(
     Params::of(&uri).finish()?;
     let compressed = state.workshop.records.request(&caller.tenant, &id).await?;
     let compressed = compressed.ok_or_else(|| Problem::not_found(format!("there is no job {id}")))?;
-    let unpack = move |_: &_| zstd::decode_all(&compressed[..]).map_err(|error| Problem::internal(&error));
+    let unpack = move |_: &_| {
+        let stored = zstd::decode_all(&compressed[..]).map_err(|error| Problem::internal(&error))?;
+        let stored = Stored::read(&stored).map_err(|error| Problem::internal(&error))?;
+        Ok(stored.body().to_vec())
+    };
     let json = state.compute.run(Queue::Requests, unpack).await?;
     Ok(([(header::CONTENT_TYPE, "application/json")], json).into_response())
 }

@@ -24,7 +24,7 @@ use crate::store::{NewJob, Submission};
 #[derive(Debug, Serialize, ToSchema)]
 #[serde(untagged)]
 #[allow(dead_code)]
-enum Submitted {
+pub enum Submitted {
     Job(Box<JobBody>),
     DryRun(DryRun),
 }
@@ -61,7 +61,8 @@ pub async fn submit_job(
     if dry_run {
         let limits = state.workshop.limits;
         let try_out = move |leash: &Leash| {
-            DryRun::of(&parse(&received.unpack()?, &limits)?, &|| leash.holds()).ok_or_else(too_slow)
+            let request = JobRequest::parse(&received.unpack()?, &limits).map_err(refused)?;
+            DryRun::of(&request, &|| leash.holds()).ok_or_else(too_slow)
         };
         return Ok(Json(state.compute.run(Queue::Answers, try_out).await?).into_response());
     }
@@ -97,7 +98,7 @@ pub async fn accept(state: &AppState, new: NewJob) -> Result<Response, Problem> 
     Ok(response)
 }
 
-fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
+pub fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
     match value.to_str() {
         Ok(key) if (1..=255).contains(&key.len()) => Ok(Some(key.to_owned())),
@@ -108,11 +109,13 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     }
 }
 
-fn parse(json: &[u8], limits: &Limits) -> Result<JobRequest, Problem> {
-    JobRequest::parse(json, limits).map_err(|error| match error {
+/// A faulty request as a problem.
+pub fn refused(error: RequestError) -> Problem {
+    match error {
         RequestError::Document(error) => error.into(),
         RequestError::Faults(faults) => Problem::invalid(faults),
-    })
+        damaged @ RequestError::Damaged(_) => Problem::internal(&damaged),
+    }
 }
 
 fn prepare(
@@ -121,18 +124,29 @@ fn prepare(
     limits: &Limits,
     (budget, leash): (u64, &Leash),
 ) -> Result<NewJob, Problem> {
-    let request = parse(json, limits)?;
-    if let Some(bytes) = request.outgrows(budget, &|| leash.holds()) {
-        let need = bytes / f64::from(1 << 20);
-        let detail = format!(
-            "the fit needs about {need:.0} MiB of memory, and the service may use {} MiB (--memory); a coarser resolution or \
-             smaller bounds need less",
-            budget >> 20
-        );
-        return Err(Problem::invalid(vec![Fault { pointer: "/map/resolution".into(), detail }]));
-    }
-    let body = hex::encode(Sha256::digest(json));
-    let compressed = zstd::encode_all(json, 1).map_err(|error| Problem::internal(&error))?;
+    let request = JobRequest::parse(json, limits).map_err(refused)?;
+    within_memory(&request, budget, ("/map/resolution", "a coarser resolution or smaller bounds need less"), leash)?;
+    new_job(request, json, key.map(|key| (key, hex::encode(Sha256::digest(json)))))
+}
+
+/// Refuses a fit that needs more memory than there is. `fault` is where the request says so, and what helps.
+pub fn within_memory(
+    request: &JobRequest,
+    budget: u64,
+    (pointer, advice): (&str, &str),
+    leash: &Leash,
+) -> Result<(), Problem> {
+    let Some(bytes) = request.outgrows(budget, &|| leash.holds()) else { return Ok(()) };
+    let need = bytes / f64::from(1 << 20);
+    let detail = format!(
+        "the fit needs about {need:.0} MiB of memory, and the service may use {} MiB (--memory); {advice}",
+        budget >> 20
+    );
+    Err(Problem::invalid(vec![Fault { pointer: pointer.into(), detail }]))
+}
+
+/// A job of nobody's yet. `stored` is what is kept of its request, `idempotency` the client's key and a digest.
+pub fn new_job(request: JobRequest, stored: &[u8], idempotency: Option<(String, String)>) -> Result<NewJob, Problem> {
     Ok(NewJob {
         tenant: String::new(),
         name: request.name,
@@ -140,8 +154,8 @@ fn prepare(
         priority: request.priority,
         progress: Progress::queued(request.options.max_iterations),
         message: None,
-        request: compressed,
-        idempotency: key.map(|key| (key, body)),
+        request: zstd::encode_all(stored, 1).map_err(|error| Problem::internal(&error))?,
+        idempotency,
         retry_of: None,
         deadline_seconds: request.deadline_seconds,
         quota: None,

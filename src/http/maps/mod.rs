@@ -1,6 +1,7 @@
 //! Maps: their records, arrays, covariance, points, pictures and grids.
 
 pub mod arrays;
+pub mod changes;
 pub mod covariance;
 pub mod localize;
 pub mod pictures;

@@ -21,8 +21,8 @@ const LARGEST_GRID: f64 = 4e6;
 /// Levels farther than this are no map's.
 const FARTHEST_LEVEL: f64 = 1e6;
 /// Pictures are this wide, in pixels.
-const WIDTHS: (usize, usize) = (200, 4096);
-const DEFAULT_WIDTH: usize = 900;
+pub(super) const WIDTHS: (usize, usize) = (200, 4096);
+pub(super) const DEFAULT_WIDTH: usize = 900;
 
 /// A level line of the distance, and the band it lies in.
 #[utoipa::path(get, operation_id = "get_map_contours", path = "/v1/maps/{id}/contours", tag = "maps", security(("key" = ["read"])),
@@ -193,7 +193,7 @@ fn overlays(params: &mut Params) -> Vec<Overlay> {
     overlays
 }
 
-fn title(record: &MapRecord, what: &str) -> String {
+pub(super) fn title(record: &MapRecord, what: &str) -> String {
     match &record.name {
         Some(name) => format!("{name}: {what}"),
         None => what.to_owned(),

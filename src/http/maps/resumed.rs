@@ -10,7 +10,7 @@ use crate::fit::Estimate;
 use crate::http::shared::compute::{Leash, Queue, too_slow};
 use crate::http::shared::problem::Problem;
 use crate::http::shared::{AppState, Caller};
-use crate::jobs::{JobRequest, MapRecord};
+use crate::jobs::{MapRecord, Stored};
 use crate::map::FittedMap;
 use crate::uncertainty::{Factors, Joint};
 
@@ -74,9 +74,10 @@ impl Ended {
         leash: &Leash,
         form: impl FnOnce(Estimate) -> Result<T, Problem>,
     ) -> Result<T, Problem> {
-        let json = zstd::decode_all(&self.packed[..]).map_err(|error| Problem::internal(&error))?;
-        let request = JobRequest::parse(&json, &workshop.limits).map_err(|error| Problem::internal(&error))?;
-        drop(json);
+        let stored = zstd::decode_all(&self.packed[..]).map_err(|error| Problem::internal(&error))?;
+        let request = Stored::read(&stored).and_then(|stored| stored.request(&workshop.limits));
+        let request = request.map_err(|error| Problem::internal(&error))?;
+        drop(stored);
         let (_, cost) = request.cost(&|| leash.holds()).ok_or_else(too_slow)?;
         let _held = workshop.reserve(cost.bytes as u64, &|| leash.holds()).ok_or_else(too_slow)?;
         form(request.resume(&self.map).map_err(|error| Problem::internal(&error))?)

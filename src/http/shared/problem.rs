@@ -169,6 +169,7 @@ impl From<RequestError> for Problem {
         match error {
             RequestError::Document(error) => error.into(),
             RequestError::Faults(faults) => Self::invalid(faults),
+            damaged @ RequestError::Damaged(_) => Self::internal(&damaged),
         }
     }
 }

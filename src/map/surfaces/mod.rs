@@ -28,14 +28,14 @@ use rstar::primitives::{GeomWithData, Line};
 use super::Field;
 use super::query::normal_cdf;
 use crate::fit::Surfels;
-use crate::geometry::{Vec2, nearest_on_segment, share_on_segment, turned};
+use crate::geometry::{Vec2, distance_to_segment, nearest_on_segment, share_on_segment, turned};
 use crate::uncertainty::Kind;
 
 /// Where a surface ends is known to this many cells, where it turns away to that many, and how far it strays from its
 /// facets (standard deviations, from two buildings: `docs/vector.md`).
 const END: f64 = 0.4;
 const TURN: f64 = 0.25;
-const STRAY: f64 = 0.03;
+pub(crate) const STRAY: f64 = 0.03;
 /// Surfaces whose directions have a cosine below this are different ones.
 const RIVAL: f64 = 0.5;
 
@@ -114,6 +114,13 @@ impl Surfaces {
 
     pub fn facets(&self) -> &[Facet] {
         &self.facets
+    }
+
+    /// The nearest facet, and how far it is; `None` where the map has no surface.
+    pub fn nearest(&self, p: Vec2) -> Option<(&Facet, f64)> {
+        let facet = &self.facets[self.tree.nearest_neighbor(p.into())?.data];
+        let [a, b] = facet.ends;
+        Some((facet, distance_to_segment(p, a, b)))
     }
 
     /// The nearest surface point; `None` where the map has no surface.

@@ -1,0 +1,131 @@
+//! An update: new scans for a map that is there, as a job of its own.
+//!
+//! What is kept of it is the parent's stored request and the new scans, so nothing that becomes of the parent, or of its
+//! job, while this one waits can take anything from it.
+
+use axum::Json;
+use axum::body::Body;
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::response::{IntoResponse, Response};
+use sha2::{Digest, Sha256};
+
+use super::dry_run::DryRun;
+use super::record::JobBody;
+use super::schema::UpdateRequestBody;
+use super::submit::{Submitted, accept, idempotency_key, new_job, refused, within_memory};
+use crate::http::shared::compute::{Leash, Queue, too_slow};
+use crate::http::shared::negotiate::JSON;
+use crate::http::shared::params::Params;
+use crate::http::shared::problem::{Problem, Refused};
+use crate::http::shared::{AppState, Caller};
+use crate::jobs::{Fault, JobRequest, Limits, Lineage, MapRecord, Stored};
+use crate::store::NewJob;
+
+/// A parent's stored request larger than this, packed, is read where large bodies are.
+const LARGE: usize = 64 << 10;
+
+/// Update a map with new scans.
+///
+/// A job whose map has `parent` this one, and knows what a fit of all scans together would know; this map stays as it is.
+/// The lattice's cells are the parent's; where the parent's request had no bounds, it grows to hold what the new scans
+/// met.
+#[utoipa::path(post, operation_id = "update_map", path = "/v1/maps/{id}/updates", tag = "maps", security(("key" = ["submit"])),
+    params(("id" = String, Path),
+        ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255,
+            description = "makes a repeat of the same body for the same map return the first job"),
+        ("dry_run" = Option<bool>, Query, description = "true: say what the map would be and cost, and keep nothing")),
+    request_body(content = UpdateRequestBody, description = "new scans and their noise; may be gzip or zstd"),
+    responses(
+        (status = 202, body = JobBody, description = "accepted", headers(("location" = String, description = "the job's address"))),
+        (status = 200, body = Submitted, description = "this key and body were accepted before; or, of a dry run, what it would be"),
+        (status = 409, body = crate::http::shared::problem::ProblemBody, content_type = "application/problem+json",
+            description = "the request that the map was fitted from is gone"),
+        Refused,
+    ))]
+pub async fn update_map(
+    State(state): State<AppState>,
+    caller: Caller,
+    Path(id): Path<String>,
+    uri: Uri,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let mut params = Params::of(&uri);
+    let dry_run = params.choice("dry_run", &[("false", false), ("true", true)]);
+    let parent = match params.finish() {
+        Ok(()) => parent(&state, &caller, &id).await,
+        Err(problem) => Err(problem),
+    };
+    let (record, packed) = match parent {
+        Ok(parent) => parent,
+        Err(problem) => {
+            state.discard(body);
+            return Err(problem);
+        }
+    };
+    let received = state.read_body(&headers, body, &[JSON.media]).await?;
+    let key = idempotency_key(&headers)?;
+    let (limits, quota, budget) = (state.workshop.limits, state.limits.quota, state.workshop.rules.memory);
+    let queue = if packed.len() > LARGE { Queue::Requests } else { received.queue() };
+    let update = Update { lineage: Lineage { parent: Some(record.id), version: record.version + 1 }, packed };
+    if dry_run {
+        let try_out = move |leash: &Leash| {
+            let (request, _) = update.stored(&received.unpack()?, &limits)?;
+            DryRun::of(&request, &|| leash.holds()).ok_or_else(too_slow)
+        };
+        return Ok(Json(state.compute.run(queue, try_out).await?).into_response());
+    }
+    let prepare = move |leash: &Leash| update.job(&received.unpack()?, key, &limits, (budget, leash));
+    let new = state.compute.run(queue, prepare).await?;
+    accept(&state, NewJob { tenant: caller.tenant.to_string(), quota: Some(quota), ..new }).await
+}
+
+/// A map and what is kept of its job's request, packed.
+async fn parent(state: &AppState, caller: &Caller, id: &str) -> Result<(MapRecord, Vec<u8>), Problem> {
+    let record = state.map_record(caller, id).await?;
+    let packed = state.workshop.records.request(&caller.tenant, &record.job_id).await?;
+    let packed = packed.ok_or_else(|| {
+        let detail = format!("the job {} and its request are gone, and with it the scans of the map", record.job_id);
+        Problem::new(StatusCode::CONFLICT, "request-gone", "The map's request is gone", detail)
+    })?;
+    Ok((record, packed))
+}
+
+/// An update whose own body is still to come.
+struct Update {
+    lineage: Lineage,
+    /// The parent's stored request.
+    packed: Vec<u8>,
+}
+
+impl Update {
+    /// The request of all scans, and what to keep of it.
+    fn stored(&self, body: &[u8], limits: &Limits) -> Result<(JobRequest, Vec<u8>), Problem> {
+        let parent = zstd::decode_all(&self.packed[..]).map_err(|error| Problem::internal(&error))?;
+        let parent = Stored::read(&parent).map_err(|error| Problem::internal(&error))?;
+        let before = parent.request(limits).map_err(|error| Problem::internal(&error))?;
+        let request = before.updated(body, limits).map_err(refused)?;
+        let stored = parent.updated(self.lineage.clone(), body).ok_or_else(|| {
+            let detail = "with all that the map was formed from, this is more than may be kept of one job".into();
+            Problem::invalid(vec![Fault { pointer: "/scans".into(), detail }])
+        })?;
+        Ok((request, stored.to_bytes().map_err(|error| Problem::internal(&error))?))
+    }
+
+    fn job(
+        &self,
+        body: &[u8],
+        key: Option<String>,
+        limits: &Limits,
+        (budget, leash): (u64, &Leash),
+    ) -> Result<NewJob, Problem> {
+        let (request, stored) = self.stored(body, limits)?;
+        let advice = "all scans of the map count, with those it has already";
+        within_memory(&request, budget, ("/scans", advice), leash)?;
+        // The same body for another map is another request.
+        let parent = self.lineage.parent.as_deref().unwrap_or_default();
+        let digest = Sha256::new().chain_update(parent).chain_update(b"\n").chain_update(body).finalize();
+        new_job(request, &stored, key.map(|key| (key, hex::encode(digest))))
+    }
+}
