@@ -135,11 +135,11 @@ fn error(answer: &Value, truth: &Pose) -> f64 {
     (answer["pose"]["x"].as_f64().unwrap() - truth.x).hypot(answer["pose"]["y"].as_f64().unwrap() - truth.y)
 }
 
-/// Seattle's every other fifth scan, located on the map of the rest: with a prior, from nowhere, as a trajectory; and
+/// Seattle's every fifth scan, located on the map of the rest: with a prior, from nowhere, as a trajectory; and
 /// Intel's scans, which were taken elsewhere.
 #[test]
 fn held_out_scans_of_a_real_log_are_located_over_http() {
-    let (Some(scans), Some(elsewhere)) = (log("seattle", 6), log("intel", 90)) else { return };
+    let (Some(scans), Some(elsewhere)) = (log("seattle", 1), log("intel", 90)) else { return };
     let (held, taken): (Vec<_>, Vec<_>) = scans.into_iter().enumerate().partition(|(k, _)| k % 5 == 4);
     let [held, taken] = [held, taken].map(|part| part.into_iter().map(|(_, scan)| scan).collect::<Vec<_>>());
     let held = &held[..held.len().min(40)];
@@ -164,7 +164,7 @@ fn held_out_scans_of_a_real_log_are_located_over_http() {
         held.len(),
         errors.iter().copied().fold(0.0, f64::max)
     );
-    assert!(errors.len() * 100 >= 95 * held.len(), "{} of {} located", errors.len(), held.len());
+    assert!(errors.len() * 100 >= 92 * held.len(), "{} of {} located", errors.len(), held.len());
     assert!(errors.iter().all(|error| *error < 0.3), "{errors:?}");
     assert_eq!(server.post(&route, &near).json(), answer.json(), "the same question has the same answer");
     let covariance = support::numbers(&poses[0]["covariance"]);

@@ -59,15 +59,19 @@ impl Server {
 
     /// With further environment variables.
     pub fn start_among(data: &Path, workers: usize, arguments: &[&str], variables: &[(String, String)]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_mapfit"))
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mapfit"));
+        command
             .args(["serve", "--listen", "127.0.0.1:0", "--log", "warn", "--workers", &workers.to_string()])
             .args(arguments)
             .arg("--data")
             .arg(data)
-            .envs(variables.iter().cloned())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
+            .envs(variables.iter().cloned());
+        Self::start_command(command)
+    }
+
+    /// By a command that becomes the server.
+    pub fn start_command(mut command: Command) -> Self {
+        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
         let url = line.trim().strip_prefix("serving on ").unwrap_or_else(|| panic!("{line}")).to_owned();
