@@ -1,10 +1,11 @@
 //! How well scans are located: held-out scans of a real log, or simulated ones whose truth is known.
 //!
-//!     cargo run --release --example localization -- LOG.flaser.log[.gz] [sdf|vdf]
+//!     cargo run --release --example localization -- LOG.flaser.log[.gz] [sdf|vdf] [every] [ANOTHER.flaser.log.gz]
 //!     cargo run --release --example localization -- office [sdf|vdf] [maps]
 //!
 //! Of a log every fifth scan is held out and located on the map of the others, its pose in the log being the truth, from
-//! starts that are off by 5 cm and 2 degrees, by 20 cm and 6 degrees, and from nowhere. Of the office every map is drawn
+//! starts that are off by 5 cm and 2 degrees, by 20 cm and 6 degrees, and from nowhere; another
+//! building's scans should fit nowhere. Of the office every map is drawn
 //! anew, and so are the scans.
 
 use std::time::Instant;
@@ -114,7 +115,7 @@ fn hypotheses(located: &[Located], truths: &[Pose]) {
     println!("  right first {} and among five {} of {}", count(&first), count(&five), truths.len());
 }
 
-fn log(path: &str, distance: Distance) {
+fn scans_of(path: &str) -> Vec<LaserScan> {
     let bytes = std::fs::read(path).unwrap();
     let text = if path.ends_with(".gz") {
         let mut text = String::new();
@@ -123,8 +124,12 @@ fn log(path: &str, distance: Distance) {
     } else {
         String::from_utf8(bytes).unwrap()
     };
+    parse_carmen(&text).unwrap()
+}
+
+fn log(path: &str, distance: Distance) {
     let every = std::env::args().nth(3).map_or(1, |every| every.parse().unwrap());
-    let scans = Selection { every, ..Selection::default() }.of(parse_carmen(&text).unwrap());
+    let scans = Selection { every, ..Selection::default() }.of(scans_of(path));
     let (held, taken): (Vec<_>, Vec<_>) = scans.into_iter().enumerate().partition(|(k, _)| k % 5 == 4);
     let [held, taken] = [held, taken].map(|part| part.into_iter().map(|(_, scan)| scan).collect::<Vec<LaserScan>>());
     let house = house(&taken, NOISE, distance);
@@ -138,6 +143,17 @@ fn log(path: &str, distance: Distance) {
     let (located, seconds) = locate(&house, &some, None, 7);
     report("from nowhere", &located, &truths, seconds);
     hypotheses(&located, &truths);
+    if let Some(other) = std::env::args().nth(4) {
+        let strangers = scans_of(&other);
+        let some: Vec<LaserScan> = strangers.iter().step_by(strangers.len().div_ceil(40)).cloned().collect();
+        let (located, seconds) = locate(&house, &some, None, 7);
+        let believed = located.iter().filter(|own| own.pose.is_some()).count();
+        println!(
+            "{believed} of {} scans of {other} believed; {:.0} ms a scan",
+            some.len(),
+            1e3 * seconds / some.len() as f64
+        );
+    }
 }
 
 fn office(distance: Distance) {

@@ -36,12 +36,11 @@ pub type Ranked = (Course, f64);
 pub fn ranked(map: &FittedMap, scans: &[Sighted], motions: &[Motion], courses: Vec<Course>) -> Vec<Ranked> {
     let mut weighed: Vec<(f64, Course)> =
         courses.into_iter().map(|course| (log_evidence(map, scans, motions, &course), course)).collect();
-    let holds = |course: &Course| course.fits[0].holds();
-    weighed.sort_by(|a, b| holds(&b.1).cmp(&holds(&a.1)).then(b.0.total_cmp(&a.0)));
+    weighed.sort_by(|a, b| b.1.holds().cmp(&a.1.holds()).then(b.0.total_cmp(&a.0)));
     let mut distinct: Vec<(f64, Course)> = Vec::new();
     for (evidence, course) in weighed {
         let is_new = distinct.iter().all(|(_, other)| !is_same(&other.poses[0], &course.poses[0]));
-        if is_new && (holds(&course) || distinct.is_empty()) {
+        if is_new && (course.holds() || distinct.is_empty()) {
             distinct.push((evidence, course));
         }
     }

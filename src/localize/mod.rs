@@ -36,7 +36,7 @@ pub use motion::Motion;
 pub use prior::Prior;
 pub use search::Ground;
 
-use self::descent::{Agreement, Course, Descent};
+use self::descent::{Course, Descent};
 use self::hypotheses::{Ranked, ranked};
 use crate::geometry::{Cov3, Pose};
 use crate::map::FittedMap;
@@ -157,7 +157,7 @@ impl Localizer<'_> {
         go_on: &dyn Fn() -> bool,
     ) -> Result<Vec<Located>, LocalizeError> {
         let Some((best, _)) = ranked.first() else { return Ok(Vec::new()) };
-        let covariance = match best.settled && best.fits.iter().any(Agreement::holds) {
+        let covariance = match best.settled && best.holds() {
             true => shared::covariance(self.map, self.joint, self.kind, best, go_on)?,
             false => None,
         };

@@ -8,8 +8,6 @@ use mapfit::store::*;
 
 use crate::faulty::Faulty;
 
-impl Records for Faulty {}
-
 #[async_trait]
 impl JobBoard for Faulty {
     async fn submit(&self, job: NewJob) -> Result<Submission, StoreError> {
