@@ -18,6 +18,8 @@ use clap::{CommandFactory, Parser, Subcommand};
 use thiserror::Error;
 use tracing_subscriber::EnvFilter;
 
+use crate::store::ArtifactsError;
+
 /// Distance maps with their covariance, from laser scans.
 #[derive(Debug, Parser)]
 #[command(version, about)]
@@ -76,7 +78,7 @@ pub enum CliError {
     #[error(transparent)]
     Store(#[from] crate::store::StoreError),
     #[error(transparent)]
-    Artifacts(#[from] crate::store::ArtifactsError),
+    Artifacts(#[from] ArtifactsError),
     #[error(transparent)]
     Backup(#[from] crate::backup::BackupError),
     #[error(transparent)]
@@ -101,7 +103,7 @@ impl CliError {
     /// The process's exit code, as the contract has them.
     fn code(&self) -> u8 {
         match self {
-            Self::Usage(_) => 2,
+            Self::Usage(_) | Self::Artifacts(ArtifactsError::Address(_)) => 2,
             Self::Unreachable(_) => 3,
             _ => 1,
         }

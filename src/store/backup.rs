@@ -158,6 +158,12 @@ pub(super) const WEBHOOKS: Table = Table {
 pub(super) const PLACES_IN_ORDER: &str = "SELECT p.tenant AS tenant, p.name AS name, p.version AS version FROM places AS p \
      JOIN place_versions AS v ON (v.tenant, v.name, v.version) = (p.tenant, p.name, p.version) ORDER BY v.serial";
 
+/// The tables that are saved, with their columns: what a migration adds goes in here, or is made anew by whoever restores.
+pub fn tables() -> Vec<(&'static str, Vec<&'static str>)> {
+    let all = [KEYS, JOBS, REQUESTS, IDEMPOTENCY, MAPS, PLACES, VERSIONS, WEBHOOKS];
+    all.map(|table| (table.name, table.columns.iter().map(|(column, _)| *column).collect())).to_vec()
+}
+
 impl Table {
     pub fn list(&self) -> String {
         self.columns.iter().map(|(column, _)| *column).collect::<Vec<_>>().join(", ")
@@ -168,10 +174,18 @@ impl Table {
         format!("SELECT {} FROM {} WHERE {condition}", self.list(), self.name)
     }
 
-    /// A row, where there is none of its key.
-    pub fn insert(&self) -> String {
-        let places: Vec<String> = (1..=self.columns.len()).map(|k| format!("${k}")).collect();
-        format!("INSERT INTO {} ({}) VALUES ({}) ON CONFLICT DO NOTHING", self.name, self.list(), places.join(", "))
+    /// A row, where there is none of its key: the statement, and its columns. What an older version did not save yet gets
+    /// the schema's default; what a newer one saved, and nobody here knows, is an error.
+    pub fn insert(&self, row: &Row) -> Result<(String, Vec<(&'static str, Kind)>), StoreError> {
+        if let Some(unknown) = row.keys().find(|column| !self.columns.iter().any(|(name, _)| name == column)) {
+            return Err(StoreError::NotRestored(format!("{} has no column {unknown}", self.name)));
+        }
+        let own: Vec<(&str, Kind)> = self.columns.iter().filter(|(name, _)| row.contains_key(*name)).copied().collect();
+        let names: Vec<&str> = own.iter().map(|(name, _)| *name).collect();
+        let places: Vec<String> = (1..=own.len()).map(|k| format!("${k}")).collect();
+        let (names, places) = (names.join(", "), places.join(", "));
+        let sql = format!("INSERT INTO {} ({names}) VALUES ({places}) ON CONFLICT DO NOTHING", self.name);
+        Ok((sql, own))
     }
 
     pub fn read(&self, row: &impl Columns) -> Result<Row, StoreError> {
@@ -186,18 +200,6 @@ impl Table {
             Ok((column.to_owned(), value.unwrap_or(Value::Null)))
         };
         self.columns.iter().map(value).collect()
-    }
-
-    /// Whether a row has this table's columns, and no others.
-    pub fn check(&self, row: &Row) -> Result<(), StoreError> {
-        let known = |column: &String| self.columns.iter().any(|(name, _)| name == column);
-        match row.keys().find(|column| !known(column)) {
-            Some(column) => Err(StoreError::NotRestored(format!("{} has no column {column}", self.name))),
-            None if row.len() < self.columns.len() => {
-                Err(StoreError::NotRestored(format!("a row of {} has too few columns", self.name)))
-            }
-            None => Ok(()),
-        }
     }
 }
 
@@ -314,10 +316,10 @@ macro_rules! backup_of {
                 let (mut tx, mut restored) = (self.begin().await?, 0);
                 for saved in saved {
                     for (k, (table, row)) in saved.rows().into_iter().enumerate() {
-                        table.check(row)?;
-                        let mut insert = sqlx::query(AssertSqlSafe(table.insert()));
-                        for (column, kind) in table.columns {
-                            let value = &row[*column];
+                        let (insert, columns) = table.insert(row)?;
+                        let mut insert = sqlx::query(AssertSqlSafe(insert));
+                        for (column, kind) in columns {
+                            let value = &row[column];
                             insert = match kind {
                                 Kind::Text => insert.bind(value.as_str().map(str::to_owned)),
                                 Kind::Number => insert.bind(value.as_i64()),

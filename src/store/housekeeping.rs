@@ -25,7 +25,7 @@ pub type Judge = for<'a> fn(&'a Job) -> Verdict;
 pub trait Housekeeping: Send + Sync {
     /// Does with jobs whose lease lapsed what the verdict says, and fails those past their deadline; how many.
     async fn reap(&self, verdict: Judge) -> Result<u64, StoreError>;
-    /// Whether some map or running attempt owns an artifact prefix.
+    /// Whether a map has this artifact prefix, or the attempt of this number runs: whichever prefix of its number is that attempt's.
     async fn owns_prefix(&self, prefix: &str, job_id: &str, attempt: i64) -> Result<bool, StoreError>;
     /// Whether work can be taken: reads what every request needs, and commits a row.
     async fn probe(&self) -> Result<(), StoreError>;

@@ -29,7 +29,7 @@ mod webhooks;
 use thiserror::Error;
 
 pub use artifacts::{Artifacts, ArtifactsError, MAP_FILE};
-pub use backup::{Backup, Row, Saved, Take};
+pub use backup::{Backup, Row, Saved, Take, tables as saved_tables};
 pub use board::{Cancellation, JobBoard, Listing, NewJob, Quota, Relabelling, Removal, Submission};
 pub use housekeeping::{Holdings, Housekeeping, Judge};
 pub use keys::{ApiKey, Keys, NewKey};

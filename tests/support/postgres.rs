@@ -1,24 +1,33 @@
 //! A PostgreSQL server of the tests' own: started once a test program, stopped when that ends, however it ends.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::sync::OnceLock;
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::{Mutex, OnceLock};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Makes a cluster, serves it, and takes it away when its input closes: with the program that started it.
+/// Makes a cluster, serves it, starts it anew for every line it reads, and takes it away when its input closes: with the program
+/// that started it.
 const LIFE: &str = r#"
 set -e
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 "$1/initdb" --pgdata "$folder/data" --username mapfit --auth trust --no-sync --encoding UTF8 --locale C.UTF-8 >/dev/null
-"$1/postgres" -D "$folder/data" -c listen_addresses=127.0.0.1 -c port="$2" -c unix_socket_directories="$folder" \
-    -c max_connections=300 -c log_min_messages=fatal 2>"$folder/log" &
-server=$!
-until "$1/pg_isready" --quiet --host 127.0.0.1 --port "$2"; do kill -0 $server || { cat "$folder/log" >&2; exit 1; }; sleep 0.1; done
-echo ready
-read -r _ || true
+start() {
+    "$1/postgres" -D "$folder/data" -c listen_addresses=127.0.0.1 -c port="$2" -c unix_socket_directories="$folder" \
+        -c max_connections=300 -c log_min_messages=fatal 2>"$folder/log" &
+    server=$!
+    until "$1/pg_isready" --quiet --host 127.0.0.1 --port "$2"; do kill -0 $server || { cat "$folder/log" >&2; exit 1; }; sleep 0.1; done
+    echo ready
+}
+start "$@"
+while read -r _; do
+    # An immediate shutdown: what a crash is to it.
+    kill -QUIT $server
+    wait $server || true
+    start "$@"
+done
 kill -INT $server
 wait $server || true
 "#;
@@ -34,7 +43,13 @@ fn programs() -> PathBuf {
     newest.expect("there is no PostgreSQL server here: scripts/postgres installs one")
 }
 
-fn start() -> String {
+/// Where it is, and whom to tell to start it anew.
+struct Running {
+    url: String,
+    life: Mutex<(Child, BufReader<ChildStdout>)>,
+}
+
+fn start() -> Running {
     let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let programs = programs();
     let is_root = Path::new("/proc/self").metadata().is_ok_and(|own| std::os::unix::fs::MetadataExt::uid(&own) == 0);
@@ -45,20 +60,36 @@ fn start() -> String {
     }
     command.args(["-c", LIFE, "postgres"]).arg(programs).arg(port.to_string()).current_dir("/");
     let mut life = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-    let mut line = String::new();
-    BufReader::new(life.stdout.take().unwrap()).read_line(&mut line).unwrap();
-    assert_eq!(line, "ready\n", "PostgreSQL did not start");
+    let mut said = BufReader::new(life.stdout.take().unwrap());
+    until_ready(&mut said);
     // Its input stays open as long as this program runs.
-    std::mem::forget(life);
-    format!("postgres://mapfit@127.0.0.1:{port}")
+    Running { url: format!("postgres://mapfit@127.0.0.1:{port}"), life: Mutex::new((life, said)) }
+}
+
+fn until_ready(said: &mut impl BufRead) {
+    let mut line = String::new();
+    said.read_line(&mut line).unwrap();
+    assert_eq!(line, "ready\n", "PostgreSQL did not start");
+}
+
+fn server() -> &'static Running {
+    static SERVER: OnceLock<Running> = OnceLock::new();
+    SERVER.get_or_init(start)
+}
+
+/// Ends the server without ado and starts it anew; it answers when this returns. Every test of the program is hit.
+#[allow(dead_code)]
+pub fn restart() {
+    let mut life = server().life.lock().unwrap();
+    writeln!(life.0.stdin.as_mut().unwrap()).unwrap();
+    until_ready(&mut life.1);
 }
 
 /// The address of a new, empty database.
 pub async fn database() -> String {
     use sqlx::{AssertSqlSafe, Connection, Executor};
-    static SERVER: OnceLock<String> = OnceLock::new();
     static COUNT: AtomicUsize = AtomicUsize::new(0);
-    let server = SERVER.get_or_init(start);
+    let server = &server().url;
     let name = format!("test{}", COUNT.fetch_add(1, Ordering::Relaxed));
     let mut connection = sqlx::PgConnection::connect(&format!("{server}/postgres")).await.unwrap();
     connection.execute(AssertSqlSafe(format!("CREATE DATABASE {name}"))).await.unwrap();
