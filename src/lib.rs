@@ -33,7 +33,7 @@
 //! | [`render`] | contours, occupancy grids, rasters, pictures |
 //! | [`sim`] | worlds with exact truth, a simulated LiDAR |
 //! | [`reproduce`] | the method's experiments, figure by figure |
-//! | `import` | CARMEN logs to job requests |
+//! | `import` | CARMEN logs and MCAP recordings to job requests |
 //! | `access` | API keys |
 //! | `jobs` | requests, validation, states |
 //! | `store` | job records (SQLite), artifacts |

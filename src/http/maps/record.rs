@@ -55,10 +55,21 @@ pub struct MapBody {
 impl From<MapRecord> for MapBody {
     fn from(map: MapRecord) -> Self {
         let itself = format!("/v1/maps/{}", map.id);
-        let mut links: BTreeMap<&'static str, String> =
-            ["coefficients", "covariance", "contours", "grid", "image", "ogm", "poses", "query", "surfaces", "tiles"]
-                .map(|part| (part, format!("{itself}/{part}")))
-                .into();
+        let mut links: BTreeMap<&'static str, String> = [
+            "coefficients",
+            "covariance",
+            "contours",
+            "grid",
+            "image",
+            "mcap",
+            "ogm",
+            "poses",
+            "query",
+            "surfaces",
+            "tiles",
+        ]
+        .map(|part| (part, format!("{itself}/{part}")))
+        .into();
         links.insert("self", itself);
         links.insert("job", format!("/v1/jobs/{}", map.job_id));
         Self {
