@@ -35,7 +35,7 @@
 //! | [`living`] | maps in time: what differs between two of them |
 //! | [`sim`] | worlds with exact truth, a simulated LiDAR |
 //! | [`reproduce`] | the method's experiments, figure by figure |
-//! | `import` | CARMEN logs to job requests |
+//! | `import` | CARMEN logs and MCAP recordings to job requests |
 //! | `access` | API keys |
 //! | `jobs` | requests, validation, states |
 //! | `store` | records (SQLite, PostgreSQL), artifacts (a folder, S3) |

@@ -114,6 +114,62 @@ fn rasterio_reads_the_rasters_and_a_query_says_the_same() {
 }
 
 #[test]
+fn the_readmes_numpy_lines_evaluate_a_map() {
+    let data = tempfile::tempdir().unwrap();
+    let files = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 1);
+    let own = format!("/v1/maps/{}", server.map_of(&small(3)));
+    let save = |name: &str, bytes: &[u8]| std::fs::write(files.path().join(name), bytes).unwrap();
+    save("sdf.npz", &server.get(&format!("{own}/coefficients?format=npz")).body);
+    save("covariance.npz", &server.get(&format!("{own}/covariance?form=sparse")).body);
+    let points: Vec<[f64; 2]> = (0..30).map(|k| [0.31 + 0.23 * f64::from(k), 0.4 + 0.19 * f64::from(k)]).collect();
+    let mut query = server.post(&format!("{own}/query"), &json!({"points": points})).json();
+    query["points"] = json!(points);
+    save("query.json", query.to_string().as_bytes());
+    let readme = concat!(env!("CARGO_MANIFEST_DIR"), "/README.md");
+    judge("readme.py", &[readme, files.path().to_str().unwrap()]);
+}
+
+/// The map as a recording: every cell of it, either distance; tagged and refused as its neighbours are.
+#[test]
+fn mcap_readers_find_every_cell_of_a_map() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 1);
+    for distance in ["sdf", "vdf"] {
+        let files = tempfile::tempdir().unwrap();
+        let mut request = experiment_one(3);
+        request["map"]["distance"] = json!(distance);
+        let own = format!("/v1/maps/{}", server.map_of(&request));
+        let save = |name: &str, path: &str| {
+            let answer = server.get(&format!("{own}/{path}"));
+            assert_eq!(answer.status, 200, "{}", String::from_utf8_lossy(&answer.body));
+            std::fs::write(files.path().join(name), &answer.body).unwrap();
+            answer
+        };
+        save("ogm.json", "ogm?resolution=0.13");
+        save("grid.npz", "grid?resolution=0.13");
+        let file = save("map.mcap", "mcap?resolution=0.13");
+        judge("recording_out.py", &[files.path().to_str().unwrap()]);
+        assert_eq!(file.header("content-type"), "application/x-mcap");
+        assert!(file.body == server.get(&format!("{own}/mcap?resolution=0.13")).body, "the same bytes");
+        let known = [("if-none-match", file.header("etag")), ("accept", "application/x-mcap")];
+        assert_eq!(server.send("GET", &format!("{own}/mcap?resolution=0.13"), &known, None).status, 304);
+        server.send("GET", &format!("{own}/mcap"), &[("accept", "text/html")], None).problem(406);
+        server.get(&format!("{own}/mcap?resolution=0.001")).problem(422);
+    }
+}
+
+/// A robot's recordings as PyPI's mcap writes them, good and odd, over HTTP and on the command line.
+#[test]
+fn recordings_become_maps_or_say_what_to_do() {
+    let Some(folder) = support::shared_data("recordings_become_maps_or_say_what_to_do") else { return };
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 2);
+    let log = folder.join("seattle.flaser.log.gz");
+    judge("recordings.py", &[&server.url, env!("CARGO_BIN_EXE_mapfit"), log.to_str().unwrap()]);
+}
+
+#[test]
 fn a_validator_accepts_the_openapi_document() {
     let files = tempfile::tempdir().unwrap();
     let data = tempfile::tempdir().unwrap();

@@ -3,7 +3,7 @@
 
 use mapfit::access;
 use mapfit::http::shared::page::{from_cursor, from_numbered_cursor, to_cursor};
-use mapfit::import::parse_carmen;
+use mapfit::import::{Ask, RecordingLimits, Selection, list_log, parse_carmen, read_log};
 use mapfit::jobs::{JobRequest, Limits, RequestError};
 use mapfit::map::FittedMap;
 use proptest::prelude::*;
@@ -120,6 +120,67 @@ proptest! {
         if let Some(id) = access::id_of(&text) {
             prop_assert!(text.starts_with("mapfit_") && id.len() == 16);
         }
+    }
+}
+
+/// A small drive: two scans, the transforms that place them, in a compressed chunk or in none.
+const DRIVES: [&[u8]; 2] = [include_bytes!("fixtures/drive-zstd.mcap"), include_bytes!("fixtures/drive-plain.mcap")];
+const RECORDINGS: RecordingLimits =
+    RecordingLimits { file: 1 << 20, record: 1 << 18, unpacked: 1 << 20, scans: 50, ranges: 10_000, poses: 1000 };
+
+/// Whatever comes out can be a job's scans.
+fn recording_is_whole(bytes: &[u8]) -> Result<(), TestCaseError> {
+    let bytes = bytes.to_vec();
+    let source = || Ok(Box::new(std::io::Cursor::new(bytes.clone())) as Box<dyn std::io::Read>);
+    let (ask, all) = (Ask::default(), Selection::default());
+    match read_log(&source, &ask, &all, &RECORDINGS, &|| true) {
+        Ok(log) => {
+            prop_assert!(!log.scans.is_empty() && log.scans.len() <= RECORDINGS.scans);
+            for scan in &log.scans {
+                prop_assert!(scan.pose.x.is_finite() && scan.pose.y.is_finite() && scan.pose.theta.is_finite());
+                prop_assert!(scan.angle_min.is_finite() && scan.angle_increment.is_finite());
+                prop_assert!(scan.range_min < scan.range_max && scan.ranges.len() <= RECORDINGS.ranges);
+            }
+        }
+        Err(error) => prop_assert!(!error.to_string().is_empty()),
+    }
+    let _ = list_log(&source, &ask, &RECORDINGS);
+    Ok(())
+}
+
+#[test]
+fn the_drives_that_are_mutated_are_read_as_they_are() {
+    for drive in DRIVES {
+        let source = || Ok(Box::new(std::io::Cursor::new(drive)) as Box<dyn std::io::Read>);
+        let log = read_log(&source, &Ask::default(), &Selection::default(), &RECORDINGS, &|| true).unwrap();
+        assert_eq!((log.scans.len(), log.scans[1].ranges.len(), log.notes.len()), (2, 181, 0));
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { max_shrink_iters: 2000, ..ProptestConfig::with_cases(
+        std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok()).unwrap_or(3000)) })]
+
+    #[test]
+    fn a_recording_with_other_bytes_in_it(drive in 0..2usize, edits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..12), cut in any::<prop::sample::Index>()) {
+        let mut bytes = DRIVES[drive].to_vec();
+        for (place, byte) in edits {
+            let at = place.index(bytes.len());
+            bytes[at] = byte;
+        }
+        let cut = cut.index(4 * bytes.len()).min(bytes.len());
+        recording_is_whole(&bytes[..cut])?;
+    }
+
+    #[test]
+    fn any_records_as_a_recording(records in prop::collection::vec((any::<u8>(), prop::option::of(any::<u64>()), prop::collection::vec(any::<u8>(), 0..80)), 0..8)) {
+        let mut bytes = b"\x89MCAP0\r\n".to_vec();
+        for (opcode, claimed, content) in records {
+            bytes.push(opcode % 0x10);
+            bytes.extend(claimed.unwrap_or(content.len() as u64).to_le_bytes());
+            bytes.extend(content);
+        }
+        recording_is_whole(&bytes)?;
     }
 }
 

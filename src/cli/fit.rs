@@ -1,4 +1,4 @@
-//! `fit`: a job file into files, without a server.
+//! `fit`: a job file or a log into files, without a server.
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -10,7 +10,8 @@ use indicatif::ProgressBar;
 use serde_json::json;
 
 use super::CliError;
-use super::submit::read_unzipped;
+use super::request::{JobOptions, LogOptions, ON_DISK, job_of};
+use crate::import::RecordingLimits;
 use crate::jobs::{JobRequest, Limits, Progress, RequestError};
 use crate::map::{ArchiveError, FittedMap, MapError, SurveyError, factors_npz, on_lattice_npz, scipy_sparse};
 use crate::render::{
@@ -21,24 +22,30 @@ use crate::worker::fit_request;
 
 #[derive(Debug, Args)]
 pub struct FitCommand {
-    /// The job file: the JSON that POST /v1/jobs takes; may be gzipped.
-    job: PathBuf,
+    /// The job file (.json: what POST /v1/jobs takes), a CARMEN log (.log) or an MCAP recording (.mcap); may be gzipped.
+    file: PathBuf,
     /// The folder the files go to; it is made where it is missing.
-    #[arg(long, env = "MAPFIT_OUT")]
-    out: PathBuf,
+    #[arg(long, env = "MAPFIT_OUT", required_unless_present = "list")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    job: JobOptions,
+    #[command(flatten)]
+    log: LogOptions,
 }
 
 impl FitCommand {
     pub fn run(self) -> Result<(), CliError> {
-        let json = read_unzipped(&self.job)?;
+        let Some(out) = self.out.as_ref().filter(|_| !self.log.list) else { return self.log.show(&self.file) };
         let limits = Limits { control_points: 1_000_000, values: 100_000_000, ..Limits::default() };
-        let request = JobRequest::parse(&json, &limits).map_err(|error| explain(&self.job, error))?;
+        let may = RecordingLimits { scans: limits.scans, ranges: limits.values, ..ON_DISK };
+        let json = job_of(&self.file, &self.job, &self.log, &may)?;
+        let request = JobRequest::parse(&json, &limits).map_err(|error| explain(&self.file, error))?;
+        drop(json);
         let progress = Mutex::new(Progress::queued(request.options.max_iterations));
         let bar = ProgressBar::new_spinner().with_message("fitting");
         bar.enable_steady_tick(Duration::from_millis(100));
         let map = fit_request(&request, &[], &progress, &AtomicBool::new(false))?;
         bar.finish_and_clear();
-        let out = &self.out;
         std::fs::create_dir_all(out).map_err(CliError::io(out.display().to_string()))?;
         let factors =
             Factors::of(&mut request.resume(&map)?).map_err(|error| SurveyError::from(MapError::from(error)))?;

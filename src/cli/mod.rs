@@ -7,6 +7,7 @@ mod fit;
 mod health;
 mod keys;
 mod reproduce;
+mod request;
 mod resources;
 mod serve;
 mod stores;
@@ -40,9 +41,9 @@ enum Command {
     Serve(serve::Serve),
     /// Work on jobs without serving, beside a `serve --workers 0` on the same data.
     Worker(serve::Work),
-    /// Send job files or CARMEN logs to a server.
+    /// Send job files, CARMEN logs or MCAP recordings to a server.
     Submit(submit::Submit),
-    /// Fit a job file without a server.
+    /// Fit a job file, a CARMEN log or an MCAP recording without a server.
     Fit(fit::FitCommand),
     /// Serve, submit the bundled example, write its pictures, keep serving.
     Demo(demo::Demo),

@@ -8,7 +8,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::CliError;
 use super::fit::write;
-use super::submit::read_unzipped;
+use super::request::read_unzipped;
 use crate::import::parse_corridor;
 use crate::render::svg_to_png;
 use crate::reproduce::{STEPS, page, reproduce};

@@ -65,6 +65,7 @@ fn described() -> OpenApiRouter<AppState> {
         .routes(routes!(pictures::get_map_contours))
         .routes(routes!(pictures::get_map_ogm))
         .routes(routes!(pictures::get_map_grid))
+        .routes(routes!(pictures::get_map_mcap))
         .routes(routes!(pictures::get_map_image))
         .routes(routes!(tiles::get_map_tile))
         .routes(routes!(read::list_places))

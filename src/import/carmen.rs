@@ -8,7 +8,7 @@
 
 use std::collections::BTreeMap;
 
-use super::ImportError;
+use super::{ImportError, heading};
 use crate::geometry::Pose;
 use crate::scan::LaserScan;
 
@@ -54,7 +54,7 @@ fn parse_flaser<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<LaserSca
         if value.is_finite() { Ok(value) } else { Err(format!("{what} {word} is not finite")) }
     };
     let ranges = (0..beams).map(|_| number("range")).collect::<Result<Vec<_>, _>>()?;
-    let pose = Pose::new(number("x")?, number("y")?, number("theta")?);
+    let pose = Pose::new(number("x")?, number("y")?, heading(number("theta")?));
     Ok(LaserScan {
         pose,
         pose_covariance: None,
@@ -97,7 +97,7 @@ mod tests {
         let log = format!("# a comment\nPARAM x 1\nODOM 1 2 3\n{}\n", line(|k| 1.0 + 0.01 * k as f64));
         let scans = parse_carmen(&log).unwrap();
         assert_eq!(scans.len(), 1);
-        assert_eq!(scans[0].pose, Pose::new(1.5, -2.0, 7.0));
+        assert_eq!(scans[0].pose, Pose::new(1.5, -2.0, 0.716814692820));
         assert!((scans[0].bearing(90)).abs() < 1e-12 && scans[0].range(179).is_some());
     }
 

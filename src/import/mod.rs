@@ -1,20 +1,27 @@
 //! Robot logs into job requests.
 //!
-//! `carmen` reads CARMEN logs, `corridor` the shared data's simulated one; `odometry` says how uncertain poses grow
-//! along the way. What comes out is the contract's JSON, so a log goes the way any client's job goes.
+//! `carmen` reads CARMEN logs, `mcap` ROS 2 recordings, `log` whichever of them it is; `corridor` the shared data's simulated
+//! one; `odometry` says how uncertain poses grow along the way. What comes out is the contract's JSON, so a log goes the
+//! way any client's job goes.
 
 mod carmen;
 mod corridor;
+mod job;
+mod log;
+mod mcap;
 mod odometry;
 
-use serde_json::{Value, json};
 use thiserror::Error;
 
 pub use carmen::parse_carmen;
 pub use corridor::{CorridorError, parse_corridor};
+pub use job::{job_json, to_request};
+pub use log::{Log, LogError, list_log, read_log};
+pub use mcap::{Ask, GoesOn, Limits as RecordingLimits, RecordingError, Source};
 pub use odometry::Odometry;
 
-use crate::scan::{LaserScan, Noise};
+use crate::geometry::wrap_angle;
+use crate::scan::LaserScan;
 
 #[derive(Debug, Error, PartialEq)]
 pub enum ImportError {
@@ -22,6 +29,12 @@ pub enum ImportError {
     Line { line: usize, detail: String },
     #[error("the log has no FLASER line, so no scan")]
     NoScans,
+}
+
+/// A heading in (-pi, pi], to a picoradian: so that it is the same number whether a log wrote it as an angle of any size
+/// or as a quaternion. A fit decides some things sharply, and should not decide them by the last bit of a heading.
+fn heading(theta: f64) -> f64 {
+    (wrap_angle(theta) * 1e12).round() / 1e12
 }
 
 /// Which scans of a log to take, and what to ask of the map.
@@ -42,48 +55,17 @@ impl Default for Selection {
 }
 
 impl Selection {
+    /// Whether the scan with this index is taken.
+    pub fn takes(&self, index: usize) -> bool {
+        index >= self.from
+            && self.to.is_none_or(|to| index < to)
+            && (index - self.from).is_multiple_of(self.every.max(1))
+    }
+
     /// The selected scans, in their order.
     pub fn of(&self, scans: Vec<LaserScan>) -> Vec<LaserScan> {
         let end = self.to.unwrap_or(usize::MAX).min(scans.len());
         let span = end.saturating_sub(self.from);
         scans.into_iter().skip(self.from).take(span).step_by(self.every.max(1)).collect()
     }
-}
-
-/// A job request for scans, as the contract has it; `distance` is `sdf` or `vdf`.
-pub fn to_request(
-    scans: &[LaserScan],
-    noise: &Noise,
-    name: Option<&str>,
-    (distance, resolution): (&str, f64),
-) -> Value {
-    let scans: Vec<Value> = scans
-        .iter()
-        .map(|scan| {
-            // NaN is written as null: no return.
-            let mut one = json!({
-                "pose": scan.pose,
-                "angle_min": scan.angle_min,
-                "angle_increment": scan.angle_increment,
-                "range_min": scan.range_min,
-                "range_max": scan.range_max,
-                "ranges": scan.ranges,
-            });
-            if let Some(covariance) = &scan.pose_covariance {
-                one["pose_covariance"] = json!(covariance.as_slice());
-            }
-            one
-        })
-        .collect();
-    json!({
-        "name": name,
-        "scans": scans,
-        "noise": {
-            "sigma_x": noise.sigma_x,
-            "sigma_y": noise.sigma_y,
-            "sigma_theta": noise.sigma_theta,
-            "sigma_range": noise.sigma_range,
-        },
-        "map": {"distance": distance, "resolution": resolution},
-    })
 }

@@ -12,6 +12,7 @@ mod occupancy;
 mod picture;
 mod raster;
 mod rasters;
+mod ros;
 mod sheet;
 mod tile;
 
@@ -26,6 +27,7 @@ pub(crate) use picture::shade;
 pub use picture::{Layer, Overlay, Picture, contour_picture, draw_contours, draw_poses, map_figure, map_picture};
 pub use raster::{grayscale_png, rgba_png, svg_to_png};
 pub use rasters::{RasterLayer, Rasters};
+pub use ros::{Stamp, to_mcap};
 pub use sheet::Sheet;
 pub use tile::{FINEST, Tile, TileLayer, tile};
 
@@ -39,6 +41,8 @@ pub enum RenderError {
     Svg(String),
     #[error("an archive could not be written: {0}")]
     Zip(#[from] zip::result::ZipError),
+    #[error("a recording could not be written: {0}")]
+    Mcap(#[from] mcap::McapError),
     #[error("a GeoTIFF could not be written: {0}")]
     GeoTiff(#[from] geotiff_writer::Error),
     #[error("an archive could not be written: {0}")]

@@ -19,7 +19,7 @@ with urllib.request.urlopen(f"{base}/openapi.json") as answer:
 operations = [o for item in document["paths"].values() for o in item.values() if isinstance(o, dict) and "operationId" in o]
 
 # The generator knows JSON, text and bytes by their names alone, whatever the schema; these media types are bytes.
-BYTES = ["application/x-npz", "application/x-npy", "application/zip", "image/png", "image/svg+xml", "image/tiff"]
+BYTES = ["application/x-npz", "application/x-npy", "application/x-mcap", "application/zip", "image/png", "image/svg+xml", "image/tiff"]
 OPTIONS = {"content_type_overrides": {name: "application/octet-stream" for name in BYTES}, "post_hooks": []}
 
 with tempfile.TemporaryDirectory() as folder:

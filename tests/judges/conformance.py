@@ -63,7 +63,7 @@ examples = {"part": "poses", "layer": "distance", "z": 7, "x": 0, "y": 0}
 cancelled = set()
 
 
-@schemathesis.deserializer("application/x-npz", "application/zip", "image/png", "image/tiff")
+@schemathesis.deserializer("application/x-npz", "application/x-mcap", "application/zip", "image/png", "image/tiff")
 def binary(context, response):
     """Bytes are a string to a schema; what is in them other judges say."""
     return response.content.decode("latin-1")
@@ -156,7 +156,7 @@ include-method = "PATCH"
 checks.positive_data_acceptance.expected-statuses = ["2xx", "404", "422"]
 
 [[operations]]
-include-path = ["/v1/maps/{{id}}/covariance", "/v1/maps/{{id}}/grid", "/v1/maps/{{id}}/ogm"]
+include-path = ["/v1/maps/{{id}}/covariance", "/v1/maps/{{id}}/grid", "/v1/maps/{{id}}/mcap", "/v1/maps/{{id}}/ogm"]
 checks.positive_data_acceptance.expected-statuses = ["2xx", "304", "404", "409", "422"]
 
 [[operations]]

@@ -1,9 +1,11 @@
 //! Jobs: submission, states, lists, long poll, server-sent events, cancellation.
 
 pub mod change;
+pub mod document;
 pub mod dry_run;
 pub mod events;
 pub mod record;
+pub mod recording;
 pub mod schema;
 pub mod status;
 pub mod submit;

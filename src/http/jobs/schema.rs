@@ -56,6 +56,53 @@ pub struct UpdateRequestBody {
     deadline_seconds: Option<f64>,
 }
 
+/// A recording that has the scans, and what a job's body has beside them.
+#[derive(ToSchema)]
+#[schema(as = RecordingRequest)]
+#[allow(dead_code)]
+pub struct RecordingBody {
+    /// An MCAP recording of a ROS 2 robot or a CARMEN log; it may be gzipped.
+    #[schema(value_type = String, format = Binary)]
+    recording: Vec<u8>,
+    options: RecordingOptionsBody,
+}
+
+/// A job's body without scans, and which scans of the recording to take.
+#[derive(Deserialize, ToSchema)]
+#[schema(as = RecordingOptions)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code)]
+pub struct RecordingOptionsBody {
+    #[schema(max_length = 256)]
+    name: Option<String>,
+    /// Keys have no colon; 64 labels at most, 256 bytes each.
+    labels: Option<BTreeMap<String, String>>,
+    noise: NoiseBody,
+    map: MapRequestBody,
+    fit: Option<FitRequestBody>,
+    /// Higher runs first.
+    #[schema(minimum = -1000, maximum = 1000)]
+    priority: Option<i32>,
+    /// From submission; past it the job is failed.
+    #[schema(minimum = 0.001, maximum = 2678400.0)]
+    deadline_seconds: Option<f64>,
+    /// The topic with the scans, where there are several.
+    #[schema(max_length = 256)]
+    scan_topic: Option<String>,
+    /// What says where they were taken, where there are several: a frame of `/tf`, an odometry or a pose topic.
+    #[schema(max_length = 256)]
+    pose_topic: Option<String>,
+    /// Take every so many scans.
+    #[schema(minimum = 1)]
+    every: Option<u64>,
+    /// The first scan taken, counted from 0.
+    #[schema(minimum = 0)]
+    from: Option<u64>,
+    /// One past the last scan taken.
+    #[schema(minimum = 1)]
+    to: Option<u64>,
+}
+
 /// One laser scan; beam k has bearing angle_min + k angle_increment from the pose's heading.
 #[derive(Deserialize, ToSchema)]
 #[schema(as = Scan)]

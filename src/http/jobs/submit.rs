@@ -6,18 +6,21 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
-use sha2::{Digest, Sha256};
 use utoipa::ToSchema;
 
+use super::document::Document;
 use super::dry_run::DryRun;
 use super::record::JobBody;
-use super::schema::JobRequestBody;
+use super::recording;
+use super::schema::{JobRequestBody, RecordingBody};
+use crate::http::shared::body::Received;
 use crate::http::shared::compute::{Leash, Queue, too_slow};
-use crate::http::shared::negotiate::JSON;
+use crate::http::shared::multipart;
+use crate::http::shared::negotiate::{JSON, MULTIPART};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
 use crate::http::shared::{AppState, Caller};
-use crate::jobs::{Fault, JobRequest, Limits, Progress, RequestError};
+use crate::jobs::{Fault, JobRequest, Limits, Progress};
 use crate::store::{NewJob, Submission};
 
 /// A job that was there already, or what one would be.
@@ -37,7 +40,8 @@ pub enum Submitted {
     params(("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255,
         description = "makes a repeat of the same body return the first job"),
         ("dry_run" = Option<bool>, Query, description = "true: say what the map would be and cost, and keep nothing")),
-    request_body(content = JobRequestBody, description = "scans, their noise, and the map to fit; may be gzip or zstd"),
+    request_body(content((JobRequestBody = "application/json"), (RecordingBody = "multipart/form-data")),
+        description = "scans, their noise, and the map to fit; or a recording that has the scans, with all else as its options. May be gzip or zstd"),
     responses(
         (status = 202, body = JobBody, description = "accepted", headers(("location" = String, description = "the job's address"))),
         (status = 200, body = Submitted, description = "this key and body were accepted before; or, of a dry run, what it would be"),
@@ -56,21 +60,45 @@ pub async fn submit_job(
         state.discard(body);
         return Err(problem);
     }
-    let received = state.read_body(&headers, body, &[JSON.media]).await?;
+    let received = state.read_body(&headers, body, &[JSON.media, MULTIPART]).await?;
+    let reading = Reading {
+        boundary: (received.media == MULTIPART).then(|| multipart::boundary(&headers)).transpose()?,
+        limits: state.workshop.limits,
+        largest: state.limits.body,
+    };
     let key = idempotency_key(&headers)?;
     if dry_run {
-        let limits = state.workshop.limits;
         let try_out = move |leash: &Leash| {
-            let request = JobRequest::parse(&received.unpack()?, &limits).map_err(refused)?;
+            let request = JobRequest::parse(&reading.document(received, leash)?.json, &reading.limits)?;
             DryRun::of(&request, &|| leash.holds()).ok_or_else(too_slow)
         };
         return Ok(Json(state.compute.run(Queue::Answers, try_out).await?).into_response());
     }
-    let (limits, quota, budget) = (state.workshop.limits, state.limits.quota, state.workshop.rules.memory);
-    let queue = received.queue();
-    let prepare = move |leash: &Leash| prepare(&received.unpack()?, key, &limits, (budget, leash));
+    let (quota, budget) = (state.limits.quota, state.workshop.rules.memory);
+    let queue = if reading.boundary.is_some() { Queue::Requests } else { received.queue() };
+    let prepare =
+        move |leash: &Leash| prepare(reading.document(received, leash)?, key, &reading.limits, (budget, leash));
     let new = state.compute.run(queue, prepare).await?;
     accept(&state, NewJob { tenant: caller.tenant.to_string(), quota: Some(quota), ..new }).await
+}
+
+/// How a body is to be read: as it is, or as a form with this boundary.
+struct Reading {
+    boundary: Option<String>,
+    limits: Limits,
+    /// Bytes a body may have.
+    largest: usize,
+}
+
+impl Reading {
+    /// For the threads that compute.
+    fn document(&self, received: Received, leash: &Leash) -> Result<Document, Problem> {
+        let body = received.unpack()?;
+        match &self.boundary {
+            Some(boundary) => recording::document(body, boundary, &self.limits, self.largest, leash),
+            None => Ok(Document::of(body)),
+        }
+    }
 }
 
 /// Submits, and answers with the job.
@@ -109,24 +137,16 @@ pub fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     }
 }
 
-/// A faulty request as a problem.
-pub fn refused(error: RequestError) -> Problem {
-    match error {
-        RequestError::Document(error) => error.into(),
-        RequestError::Faults(faults) => Problem::invalid(faults),
-        damaged @ RequestError::Damaged(_) => Problem::internal(&damaged),
-    }
-}
-
 fn prepare(
-    json: &[u8],
+    document: Document,
     key: Option<String>,
     limits: &Limits,
     (budget, leash): (u64, &Leash),
 ) -> Result<NewJob, Problem> {
-    let request = JobRequest::parse(json, limits).map_err(refused)?;
+    let Document { json, digest, message } = document;
+    let request = JobRequest::parse(&json, limits)?;
     within_memory(&request, budget, ("/map/resolution", "a coarser resolution or smaller bounds need less"), leash)?;
-    new_job(request, json, key.map(|key| (key, hex::encode(Sha256::digest(json)))))
+    Ok(NewJob { message, ..new_job(request, &json, key.map(|key| (key, digest)))? })
 }
 
 /// Refuses a fit that needs more memory than there is. `fault` is where the request says so, and what helps.

@@ -13,7 +13,7 @@ use sha2::{Digest, Sha256};
 use super::dry_run::DryRun;
 use super::record::JobBody;
 use super::schema::UpdateRequestBody;
-use super::submit::{Submitted, accept, idempotency_key, new_job, refused, within_memory};
+use super::submit::{Submitted, accept, idempotency_key, new_job, within_memory};
 use crate::http::shared::compute::{Leash, Queue, too_slow};
 use crate::http::shared::negotiate::JSON;
 use crate::http::shared::params::Params;
@@ -105,7 +105,7 @@ impl Update {
         let parent = zstd::decode_all(&self.packed[..]).map_err(|error| Problem::internal(&error))?;
         let parent = Stored::read(&parent).map_err(|error| Problem::internal(&error))?;
         let before = parent.request(limits).map_err(|error| Problem::internal(&error))?;
-        let request = before.updated(body, limits).map_err(refused)?;
+        let request = before.updated(body, limits)?;
         let stored = parent.updated(self.lineage.clone(), body).ok_or_else(|| {
             let detail = "with all that the map was formed from, this is more than may be kept of one job".into();
             Problem::invalid(vec![Fault { pointer: "/scans".into(), detail }])

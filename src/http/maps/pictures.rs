@@ -5,15 +5,15 @@ use serde_json::{Value, json};
 
 use super::record::FRAME;
 use super::request::{KINDS, MapRequest};
-use crate::http::shared::negotiate::{Binary, GEOJSON, JSON, NPZ, PNG, SVG, TIFF, ZIP};
+use crate::http::shared::negotiate::{Binary, GEOJSON, JSON, MCAP, NPZ, PNG, SVG, TIFF, ZIP};
 use crate::http::shared::page::timestamp;
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused, to_json};
 use crate::jobs::MapRecord;
 use crate::map::FittedMap;
 use crate::render::{
-    Layer, Nav2Mode, OccupancyGrid, Overlay, Picture, RasterLayer, Rasters, contour_picture, contours as trace,
-    grayscale_png, map_picture, svg_to_png, to_geojson, to_nav2_zip,
+    Layer, Nav2Mode, OccupancyGrid, Overlay, Picture, RasterLayer, Rasters, Stamp, contour_picture, contours as trace,
+    grayscale_png, map_picture, svg_to_png, to_geojson, to_mcap, to_nav2_zip,
 };
 
 /// Cells of an occupancy grid at most.
@@ -111,6 +111,33 @@ pub async fn get_map_grid(mut request: MapRequest) -> Result<Response, Problem> 
         if format == TIFF { Ok(rasters.to_geotiff()?) } else { Ok(rasters.to_npz()?) }
     };
     request.answer(&[NPZ, TIFF], make).await
+}
+
+/// The map as a recording that ROS 2's tools, Lichtblick and Foxglove read.
+#[utoipa::path(get, operation_id = "get_map_mcap", path = "/v1/maps/{id}/mcap", tag = "maps", security(("key" = ["read"])),
+    params(("id" = String, Path),
+        ("resolution" = Option<f64>, Query, minimum = 0.0001, maximum = 10000, description = "metres a cell; the lattice's by default"),
+        ("kind" = Option<String>, Query, pattern = "^(propagated|posterior)$", description = "propagated (default) or posterior"),
+        ("format" = Option<String>, Query, pattern = "^(mcap)$", description = "mcap")),
+    responses((status = 200, description = "an MCAP file: `/map` (nav_msgs/OccupancyGrid, the same as `ogm`), `/grid` (foxglove.Grid with \
+            float32 `distance` and `sigma`, the same as `grid`), `/tf_static`",
+            content((Binary = "application/x-mcap"))),
+        (status = 304, description = "unchanged"),
+        Refused))]
+pub async fn get_map_mcap(mut request: MapRequest) -> Result<Response, Problem> {
+    let (lattice, params) = (&request.record.lattice, &mut request.params);
+    let resolution = params.number("resolution", 1e-4, 1e4).unwrap_or(lattice.resolution);
+    let kind = params.choice("kind", &KINDS);
+    let [width, height] = OccupancyGrid::size(lattice, resolution);
+    if width * height > LARGEST_GRID {
+        params.fault("resolution", format!("gives {:.0} cells; the limit is {LARGEST_GRID:.0}", width * height));
+    }
+    let make = move |map: &FittedMap, record: &MapRecord, _| {
+        let grid = OccupancyGrid::of(map, resolution, kind);
+        let rasters = Rasters::of(map, &[RasterLayer::Distance, RasterLayer::Sigma], resolution, kind);
+        Ok(to_mcap(&grid, &rasters, &Stamp { frame: FRAME, milliseconds: record.created })?)
+    };
+    request.answer(&[MCAP], make).await
 }
 
 fn raster_layers(params: &mut Params) -> Vec<RasterLayer> {

@@ -62,6 +62,7 @@ impl From<MapRecord> for MapBody {
             "contours",
             "grid",
             "image",
+            "mcap",
             "ogm",
             "poses",
             "query",

@@ -18,6 +18,9 @@ pub const GEOJSON: Format = Format { name: "geojson", media: "application/geo+js
 pub const NPZ: Format = Format { name: "npz", media: "application/x-npz" };
 /// Arrays in a request.
 pub const NPY: &str = "application/x-npy";
+pub const MCAP: Format = Format { name: "mcap", media: "application/x-mcap" };
+/// A file and what is asked of it, in a request.
+pub const MULTIPART: &str = "multipart/form-data";
 pub const PNG: Format = Format { name: "png", media: "image/png" };
 pub const SVG: Format = Format { name: "svg", media: "image/svg+xml" };
 pub const TIFF: Format = Format { name: "tiff", media: "image/tiff" };
