@@ -5,6 +5,7 @@ mod demo;
 mod fit;
 mod health;
 mod keys;
+mod living;
 mod reproduce;
 mod resources;
 mod serve;
@@ -38,6 +39,10 @@ enum Command {
     Worker(serve::Work),
     /// Send job files or CARMEN logs to a server.
     Submit(submit::Submit),
+    /// Update a map of a server with new scans.
+    Update(living::Update),
+    /// Join maps of a server into one.
+    Join(living::Join),
     /// Fit a job file without a server.
     Fit(fit::FitCommand),
     /// Serve, submit the bundled example, write its pictures, keep serving.
@@ -119,6 +124,8 @@ pub fn main() -> std::process::ExitCode {
         Command::Serve(command) => command.run(),
         Command::Worker(command) => command.run(),
         Command::Submit(command) => command.run(),
+        Command::Update(command) => command.run(),
+        Command::Join(command) => command.run(),
         Command::Fit(command) => command.run(),
         Command::Demo(command) => command.run(),
         Command::Reproduce(command) => command.run(),

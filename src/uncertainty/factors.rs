@@ -18,7 +18,8 @@ use faer::{Mat, Side};
 
 use super::marginals::{ROUNDING, for_each_carried};
 use super::{CompressedColumns, Kind, UncertaintyError};
-use crate::fit::{Estimate, Factor, Poses, System, gauge};
+use crate::fit::gauge::LOOSE;
+use crate::fit::{Estimate, Factor, Poses, System};
 use crate::sparse::Cholesky;
 use crate::spline::SUPPORT;
 
@@ -120,12 +121,13 @@ impl Factors {
             }
             let squared = self.prior.powi(2);
             image[first_pose..].iter_mut().zip(&own[first_pose..]).for_each(|(image, x)| *image += squared * x);
-            for mode in 0..gauge.ncols() {
-                let along: f64 = own[first_pose..].iter().enumerate().map(|(row, x)| gauge[(row, mode)] * x).sum();
+            for (mode, along) in gauge.along(&own[first_pose..]).into_iter().enumerate() {
+                // What the reports do not tell: of a common motion, the answer to it does; of a loose frame, nothing.
+                let lost = if mode < gauge.held { 1.0 } else { 1.0 - (1.0 - LOOSE).powi(2) };
                 image[first_pose..]
                     .iter_mut()
                     .enumerate()
-                    .for_each(|(row, v)| *v -= squared * along * gauge[(row, mode)]);
+                    .for_each(|(row, v)| *v -= squared * lost * along * gauge.columns[(row, mode)]);
             }
             image.iter().enumerate().for_each(|(row, value)| x[(row, k)] = *value);
         }
@@ -167,7 +169,7 @@ impl Factors {
         let unknowns = self.system.gradient.len() - self.coefficients();
         let spring = match self.system.gauge.ncols() {
             0 => Mat::zeros(unknowns, unknowns),
-            _ => gauge::spring(&self.system.gauge),
+            _ => self.system.gauge.spring(),
         };
         Mat::from_fn(unknowns, unknowns, |a, b| spring[(a, b)] + if a == b { self.prior } else { 0.0 })
     }

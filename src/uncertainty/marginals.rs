@@ -1,11 +1,12 @@
 //! The covariances' entries on the pattern: all that any query needs, and the poses'.
 //!
-//! With `M = M0 + 2 kappa U U^T` and its factor ([`Factor`]), `p` the curvature of the poses' prior, and
+//! With `M = M0 + 2 kappa U U^T`, less what loosens joined frames' motions `L` (`fit::gauge`), and its factor ([`Factor`]),
+//! `p` the curvature of the poses' prior, and
 //!
 //! ```text
 //! G = sum over inputs b b^T + p^2 I (poses) + ROUNDING^2 diag M0     on the pattern
 //! R = M^-1 (p + 2 kappa) U                                          the answer to a common motion of the reports
-//! propagated   M^-1 G M^-1 + R R^T - M^-1 p^2 U U^T M^-1
+//! propagated   M^-1 G M^-1 + R R^T - M^-1 p^2 (U U^T + L L^T) M^-1
 //! posterior    2 M^-1 + R R^T
 //! ```
 //!
@@ -19,6 +20,7 @@ use faer::Mat;
 use nalgebra::Matrix3;
 
 use super::{Kind, UncertaintyError};
+use crate::fit::gauge::LOOSE;
 use crate::fit::{Estimate, Factor, Input, Poses};
 use crate::geometry::Cov3;
 use crate::sparse::{CellBlock, Symmetric, SystemMatrix, selected_sandwich};
@@ -152,10 +154,13 @@ fn add_modes(
         propagated.add_products(&weighed, &y, -2.0);
         propagated.add_products(&(v * middle), v, 1.0);
         let answer = factor.answer_to_common_motion().ok_or(UncertaintyError::NoMinimum)?;
-        let mut own = Mat::zeros(v.nrows(), 3);
-        own.copy_from(factor.modes.subcols(3, 3));
+        let pins = factor.gauge_modes().start;
+        let mut own = Mat::from_fn(v.nrows(), v.ncols() - pins, |row, k| factor.modes[(row, pins + k)]);
         factor.solve_block(&estimate.cholesky, own.as_mut())?;
-        propagated.add_products(&own, &own, -estimate.prior().powi(2));
+        let held = factor.gauge_modes().len();
+        let lost = |mode: usize| if mode < held { 1.0 } else { 1.0 - (1.0 - LOOSE).powi(2) };
+        let weighed = Mat::from_fn(own.nrows(), own.ncols(), |row, mode| lost(mode) * own[(row, mode)]);
+        propagated.add_products(&weighed, &own, -estimate.prior().powi(2));
         propagated.add_products(&answer, &answer, 1.0);
         posterior.scale(2.0);
         posterior.add_products(&answer, &answer, 1.0);

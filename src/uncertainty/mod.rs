@@ -14,6 +14,7 @@
 
 mod columns;
 mod factors;
+mod frames;
 mod marginals;
 
 use serde::{Deserialize, Serialize};
@@ -21,6 +22,7 @@ use thiserror::Error;
 
 pub use columns::CompressedColumns;
 pub use factors::{ExportedFactors, Factors};
+pub use frames::{FrameShift, frame_shifts};
 pub use marginals::{Marginals, PoseCovariance, marginals};
 
 use crate::sparse::SparseError;

@@ -3,6 +3,7 @@
 pub mod change;
 pub mod dry_run;
 pub mod events;
+pub mod join;
 pub mod record;
 pub mod schema;
 pub mod status;

@@ -3,6 +3,7 @@
 pub mod arrays;
 pub mod changes;
 pub mod covariance;
+pub mod frames;
 pub mod pictures;
 pub mod query;
 pub mod record;
