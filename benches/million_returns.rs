@@ -24,7 +24,7 @@ fn main() {
     let start = signed_nearest_return(&lattice, &returns, &evidence, 0.0, &mut cholesky).unwrap();
     let noise = ReturnNoise { pose: None, range_variance: 4e-4, model_variance: 2.5e-5 };
     let root = Cov3::from_diagonal(&[0.01, 0.01, 0.005].into());
-    let viewpoint = |scan: &LaserScan| Viewpoint { position: scan.pose.position(), root, noise };
+    let viewpoint = |scan: &LaserScan| Viewpoint { position: scan.pose.position(), root, frame: 0, noise };
     let count = returns.len();
     let viewpoints = scans.iter().map(viewpoint).collect();
     let sightings = Sightings::new(&lattice, returns, viewpoints, Weighing::Sampson);

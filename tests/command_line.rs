@@ -62,3 +62,43 @@ fn jobs_maps_and_places_are_listed_got_and_decided() {
         Command::new(env!("CARGO_BIN_EXE_mapfit")).args(["jobs", "list", "--url", "127.0.0.1:1"]).output().unwrap();
     assert_eq!(away.status.code(), Some(3));
 }
+
+#[test]
+fn maps_are_updated_and_joined() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 2);
+    let all = small(3);
+    let mut files = Vec::new();
+    for (k, scan) in all["scans"].as_array().unwrap().iter().enumerate() {
+        let mut own = all.clone();
+        own["scans"] = json!([scan]);
+        let file = data.path().join(format!("scan{k}.json"));
+        std::fs::write(&file, own.to_string()).unwrap();
+        files.push(file.to_str().unwrap().to_owned());
+    }
+    let first = line(&mapfit(&server, &["submit", &files[0], "--wait", "--json"]));
+    let first = first["map"]["id"].as_str().unwrap();
+    // One file after the other, each on the map that the one before it made.
+    let told =
+        printed(&mapfit(&server, &["update", first, &files[1], &files[2], "--wait", "--json", "--name", "grown"]));
+    let versions: Vec<Value> = told.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let [second, third] = &versions[..] else { panic!("{told}") };
+    assert_eq!((&second["map"]["parent"], &second["map"]["version"]), (&json!(first), &json!(2)));
+    assert_eq!((&third["map"]["parent"], &third["map"]["version"]), (&second["map"]["id"], &json!(3)));
+    assert_eq!(third["map"]["name"], "grown");
+    let waits_not = line(&mapfit(&server, &["update", first, &files[1], "--json"]));
+    assert_eq!((&waits_not["job"]["status"], &waits_not["map"]), (&json!("accepted"), &Value::Null));
+    assert_eq!(mapfit(&server, &["update", first, &files[1], "--resolution", "0.1"]).status.code(), Some(2));
+    assert_eq!(mapfit(&server, &["update", "no-such-map", &files[1]]).status.code(), Some(1));
+
+    let third = third["map"]["id"].as_str().unwrap();
+    let other = format!("{third}@0.1,-0.1,0.02");
+    let joined = line(&mapfit(&server, &["join", first, &other, "--wait", "--json", "--label", "site:hq"]));
+    assert_eq!(
+        (&joined["map"]["labels"]["site"], &joined["map"]["lattice"]["resolution"]),
+        (&json!("hq"), &json!(0.5))
+    );
+    let frames = server.get(&format!("/v1/maps/{}/frames", joined["map"]["id"].as_str().unwrap())).json();
+    assert_eq!(frames["frames"].as_array().unwrap().len(), 2);
+    assert_eq!(mapfit(&server, &["join", first, &format!("{third}@1,2")]).status.code(), Some(2));
+}

@@ -12,6 +12,7 @@ fn scan(pose: Pose, angle_min: f64, angle_increment: f64, ranges: Vec<f64>) -> L
         pose,
         pose_covariance: None,
         sigma_range: None,
+        frame: 0,
         angle_min,
         angle_increment,
         range_min: 0.05,

@@ -72,7 +72,7 @@ impl Problem {
                 let root = psd_square_root(&covariance).ok_or("a pose covariance")?;
                 let range_variance = scenario.noise.sigma_range.powi(2);
                 let noise = ReturnNoise { pose: Some(covariance), range_variance, model_variance: 2.5e-5 };
-                Ok(Viewpoint { position: scan.pose.position(), root, noise })
+                Ok(Viewpoint { position: scan.pose.position(), root, frame: 0, noise })
             })
             .collect::<Result<_, Failure>>()?;
         let weights = returns

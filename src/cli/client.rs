@@ -55,10 +55,15 @@ impl Client {
         Self { agent: config.into(), base: base.trim_end_matches('/').to_owned(), authorization }
     }
 
-    /// Submits a request and gives the job.
+    /// Submits a job's request and gives the job.
     pub fn submit(&self, json: &[u8]) -> Result<Value, CliError> {
+        self.submit_to("/v1/jobs", json)
+    }
+
+    /// Submits a request for a job at an address and gives the job.
+    pub fn submit_to(&self, path: &str, json: &[u8]) -> Result<Value, CliError> {
         let packed = zstd::encode_all(json, 3).map_err(CliError::io("the request cannot be compressed"))?;
-        let request = self.agent.post(format!("{}/v1/jobs", self.base)).content_type("application/json");
+        let request = self.agent.post(self.url(path)).content_type("application/json");
         self.json(self.keyed(request).header("content-encoding", "zstd").send(&packed))
     }
 

@@ -6,6 +6,8 @@ mod demo;
 mod fit;
 mod health;
 mod keys;
+mod living;
+mod localize;
 mod reproduce;
 mod request;
 mod resources;
@@ -43,6 +45,12 @@ enum Command {
     Worker(serve::Work),
     /// Send job files, CARMEN logs or MCAP recordings to a server.
     Submit(submit::Submit),
+    /// Update a map of a server with new scans.
+    Update(living::Update),
+    /// Join maps of a server into one.
+    Join(living::Join),
+    /// Where a log's scans were taken, on a map of a server.
+    Localize(localize::Localize),
     /// Fit a job file, a CARMEN log or an MCAP recording without a server.
     Fit(fit::FitCommand),
     /// Serve, submit the bundled example, write its pictures, keep serving.
@@ -98,6 +106,8 @@ pub enum CliError {
     Unreachable(String),
     #[error("{0} of the fits did not converge; the maps are there, and say why under fit.unconverged")]
     Unconverged(usize),
+    #[error("{nowhere} of {all} scans fit nowhere on the map")]
+    Nowhere { nowhere: usize, all: usize },
 }
 
 impl CliError {
@@ -130,6 +140,9 @@ pub fn main() -> std::process::ExitCode {
         Command::Serve(command) => command.run(),
         Command::Worker(command) => command.run(),
         Command::Submit(command) => command.run(),
+        Command::Update(command) => command.run(),
+        Command::Localize(command) => command.run(),
+        Command::Join(command) => command.run(),
         Command::Fit(command) => command.run(),
         Command::Demo(command) => command.run(),
         Command::Reproduce(command) => command.run(),

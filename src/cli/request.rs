@@ -22,10 +22,10 @@ const RESOLUTION: f64 = 0.25;
 pub struct JobOptions {
     /// vdf: the vector from the nearest surface, for buildings (logs: this one); sdf: signed, for rooms with an inside.
     #[arg(long, env = "MAPFIT_DISTANCE", value_parser = ["sdf", "vdf"])]
-    distance: Option<String>,
+    pub distance: Option<String>,
     /// The spacing of control points, metres; 0.25 for logs.
     #[arg(long, env = "MAPFIT_RESOLUTION")]
-    resolution: Option<f64>,
+    pub resolution: Option<f64>,
     /// Standard deviation of a pose's x and y, metres; 0.02 for logs.
     #[arg(long, env = "MAPFIT_SIGMA_XY")]
     sigma_xy: Option<f64>,

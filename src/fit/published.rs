@@ -12,12 +12,12 @@
 //! Levenberg-Marquardt with Gauss-Newton's block of either; in the covariance the returns and poses that both answer to
 //! tie them. Kept for comparison; it ends farther from the truth than it starts.
 
-use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 use rstar::RTree;
 
 use super::collocation::{gauss, thin_plate};
 use super::estimate::{Distance, Estimate, HELD, Input, Inputs, Minimum};
+use super::gauge::Motions;
 use super::options::{FitOptions, Poses, Weighting, Weights};
 use super::signed::{largest, least_squares};
 use super::surfels::normals;
@@ -139,7 +139,7 @@ impl PublishedInputs {
         let mut pairs = Vec::new();
         self.for_each_return(|seen, support, _| pairs.extend(support.map(|point| (seen.scan, point))));
         let pattern = Pattern::new(self.stencil.clone(), 2, Views::of(poses, pairs));
-        let mut system = System::zeros(pattern, Mat::zeros(3 * poses, 0));
+        let mut system = System::zeros(pattern, Motions::none(3 * poses));
         (0..2).for_each(|k| system.hessian.add_diagonal_block(k, &hessians[k].values, 1.0));
         (0..poses).for_each(|pose| system.hessian.add_pose(pose, &(Matrix3::identity() * HELD)));
         self.for_each_return(|seen, support, by| {

@@ -1,8 +1,9 @@
 //! A Newton system over control points and poses, and its factor.
 //!
 //! ```text
-//! M = M0 + 2 kappa U U^T          M0 sparse: control points and poses;  U the gauge, three dense columns (`gauge`)
-//!   = Mp + W D W^T                Mp = M0 + PIN on one pose,  W = [E, U],  D = diag(-PIN, 2 kappa)
+//! M = M0 + U diag(2 s) U^T        M0 sparse: control points and poses;  U the common motions, dense columns, and their
+//!                                 springs' stiffness s (`gauge`): three of the gauge, three more for each joined frame
+//!   = Mp + W D W^T                Mp = M0 + PIN on one pose,  W = [E, U],  D = diag(-PIN, 2 s)
 //! M^-1 = Mp^-1 - V S^-1 V^T       V = Mp^-1 W,  S = D^-1 + W^T V  (Woodbury 1950)
 //! ```
 //!
@@ -13,15 +14,15 @@
 use std::sync::Arc;
 
 use faer::{Mat, MatMut};
-use nalgebra::{Matrix3, SMatrix};
+use nalgebra::{DMatrix, DVector, Matrix3};
 
-use super::gauge;
+use super::gauge::Motions;
 use crate::sparse::{Cholesky, LARGEST_RESIDUAL, Pattern, SparseError, Symmetric, SystemMatrix};
 
 /// The pin's stiffness in units of a pose's prior's root: firm beside what the lattice pulls with, soft beside rounding.
 const PIN: f64 = 100.0;
-/// Modes of the pin and of the gauge.
-const MODES: usize = 6;
+/// Modes of the pin.
+const PINS: usize = 3;
 
 /// Gradient and Hessian of an objective.
 #[derive(Debug, Clone)]
@@ -30,12 +31,12 @@ pub struct System {
     pub gradient: Vec<f64>,
     /// `M0`.
     pub hessian: SystemMatrix,
-    /// `U`: pose unknowns x 3, or without columns where nothing is left undetermined.
-    pub gauge: Mat<f64>,
+    /// `U`, the common motions.
+    pub gauge: Motions,
 }
 
 impl System {
-    pub fn zeros(pattern: Arc<Pattern>, gauge: Mat<f64>) -> Self {
+    pub fn zeros(pattern: Arc<Pattern>, gauge: Motions) -> Self {
         Self { gradient: vec![0.0; pattern.dimension()], hessian: SystemMatrix::zeros(pattern), gauge }
     }
 
@@ -48,7 +49,7 @@ impl System {
     pub fn times(&self, x: &[f64]) -> Vec<f64> {
         let mut y = self.hessian.times(x);
         let first = self.hessian.pattern().coefficients();
-        gauge::add_pull(&self.gauge, &x[first..], &mut y[first..]);
+        self.gauge.add_pull(&x[first..], &mut y[first..]);
         y
     }
 }
@@ -56,11 +57,16 @@ impl System {
 /// A factorisation of a [`System`]'s Hessian, beside the Cholesky factor of `Mp`.
 #[derive(Debug, Clone)]
 pub struct Factor {
-    /// `W` and `V`: unknowns x 6; without columns where there is no gauge.
+    /// `W` and `V`: unknowns x modes, the pin's, then the common motions'.
     pub(crate) modes: Mat<f64>,
     pub(crate) images: Mat<f64>,
     /// `S^-1`.
-    pub(crate) inner: SMatrix<f64, MODES, MODES>,
+    pub(crate) inner: DMatrix<f64>,
+    /// `D`.
+    stiffness: Vec<f64>,
+    /// How many modes are the pin's, and how many the gauge's.
+    pins: usize,
+    held: usize,
 }
 
 impl Factor {
@@ -70,33 +76,43 @@ impl Factor {
         if !Arc::ptr_eq(cholesky.pattern(), pattern) {
             *cholesky = Cholesky::analyse(pattern)?;
         }
-        if system.gauge.ncols() == 0 {
-            cholesky.factorise(&system.hessian)?;
-            let none = || Mat::zeros(pattern.dimension(), 0);
-            return Ok(Self { modes: none(), images: none(), inner: SMatrix::zeros() });
-        }
+        let motions = &system.gauge;
+        let pins = if motions.held > 0 { PINS } else { 0 };
         let held = pinned(pattern);
-        let mut matrix = system.hessian.clone();
-        matrix.add_pose(held, &(Matrix3::identity() * PIN));
-        cholesky.factorise(&matrix)?;
-        let (first, n) = (pattern.coefficients(), pattern.dimension());
-        let modes = Mat::from_fn(n, MODES, |row, mode| match (row.checked_sub(first), mode) {
-            (Some(pose), 0..3) => f64::from(pose == 3 * held + mode),
-            (Some(pose), _) => system.gauge[(pose, mode - 3)],
+        if pins > 0 {
+            let mut matrix = system.hessian.clone();
+            matrix.add_pose(held, &(Matrix3::identity() * PIN));
+            cholesky.factorise(&matrix)?;
+        } else {
+            cholesky.factorise(&system.hessian)?;
+        }
+        let (first, n, count) = (pattern.coefficients(), pattern.dimension(), pins + motions.ncols());
+        let modes = Mat::from_fn(n, count, |row, mode| match (row.checked_sub(first), mode.checked_sub(pins)) {
+            (Some(pose), None) => f64::from(pose == 3 * held + mode),
+            (Some(pose), Some(motion)) => motions.columns[(pose, motion)],
             (None, _) => 0.0,
         });
+        let stiffness: Vec<f64> =
+            (0..count).map(|mode| mode.checked_sub(pins).map_or(-PIN, |k| 2.0 * motions.stiffness(k))).collect();
         let mut images = modes.clone();
+        if count == 0 {
+            let inner = DMatrix::zeros(0, 0);
+            return Ok(Self { modes, images, inner, stiffness, pins, held: motions.held });
+        }
         cholesky.solve_block(images.as_mut())?;
-        let overlap = modes.transpose() * &images;
-        let inner = SMatrix::<f64, MODES, MODES>::from_fn(|a, b| {
-            let stiffness = if a < 3 { -PIN } else { 2.0 * gauge::STIFFNESS };
-            0.5 * (overlap[(a, b)] + overlap[(b, a)]) + if a == b { 1.0 / stiffness } else { 0.0 }
-        });
-        let negative = inner.symmetric_eigenvalues().iter().filter(|value| **value < 0.0).count();
-        match inner.try_inverse().filter(|_| negative == 3) {
-            Some(inner) => Ok(Self { modes, images, inner }),
+        let all: Vec<usize> = (0..count).collect();
+        let split = inner_of(&modes, &images, &stiffness, &all);
+        let negative = split.symmetric_eigenvalues().iter().filter(|value| **value < 0.0).count();
+        let loose = stiffness.iter().filter(|stiffness| **stiffness < 0.0).count();
+        match split.try_inverse().filter(|_| negative == loose) {
+            Some(inner) => Ok(Self { modes, images, inner, stiffness, pins, held: motions.held }),
             None => Err(SparseError::NotPositiveDefinite),
         }
+    }
+
+    /// The gauge's modes.
+    pub(crate) fn gauge_modes(&self) -> std::ops::Range<usize> {
+        self.pins..self.pins + self.held
     }
 
     /// Solves `M x = b` in place; unchecked.
@@ -105,12 +121,12 @@ impl Factor {
         if self.modes.ncols() == 0 {
             return;
         }
-        let along = nalgebra::SVector::<f64, MODES>::from_fn(|mode, _| {
-            rhs.iter().enumerate().map(|(row, x)| self.modes[(row, mode)] * x).sum()
-        });
-        let share = self.inner * along;
+        let count = self.modes.ncols();
+        let along =
+            DVector::from_fn(count, |mode, _| rhs.iter().enumerate().map(|(row, x)| self.modes[(row, mode)] * x).sum());
+        let share = &self.inner * along;
         for (row, x) in rhs.iter_mut().enumerate() {
-            *x -= (0..MODES).map(|mode| self.images[(row, mode)] * share[mode]).sum::<f64>();
+            *x -= (0..count).map(|mode| self.images[(row, mode)] * share[mode]).sum::<f64>();
         }
     }
 
@@ -118,8 +134,9 @@ impl Factor {
     pub fn solve_block(&self, cholesky: &Cholesky, mut rhs: MatMut<'_, f64>) -> Result<(), SparseError> {
         use faer::reborrow::ReborrowMut;
         cholesky.solve_block(rhs.rb_mut())?;
-        if self.modes.ncols() > 0 {
-            let inner = Mat::from_fn(MODES, MODES, |a, b| self.inner[(a, b)]);
+        let count = self.modes.ncols();
+        if count > 0 {
+            let inner = Mat::from_fn(count, count, |a, b| self.inner[(a, b)]);
             let change = &self.images * (inner * (self.modes.transpose() * rhs.as_ref()));
             rhs -= change;
         }
@@ -142,27 +159,37 @@ impl Factor {
         if residual <= LARGEST_RESIDUAL { Ok(x) } else { Err(SparseError::Residual { residual }) }
     }
 
-    /// `R = M^-1 (2 + 2 kappa) U`: how all unknowns answer a common motion of the reported poses; without columns where
-    /// there is no gauge.
+    /// `R = M^-1 (2 + 2 kappa) U` of the gauge: how all unknowns answer a common motion of the reported poses; without
+    /// columns where there is no gauge.
     pub fn answer_to_common_motion(&self) -> Option<Mat<f64>> {
-        let n = self.modes.nrows();
-        if self.modes.ncols() == 0 {
-            return Some(Mat::zeros(n, 0));
+        let gauge = self.gauge_modes();
+        if gauge.is_empty() {
+            return Some(Mat::zeros(self.modes.nrows(), 0));
         }
-        // V0 = M0^-1 U, with the pin taken back.
-        let overlap = |a: usize, b: usize| -> Matrix3<f64> {
-            let part = self.modes.subcols(a, 3).transpose() * self.images.subcols(b, 3);
-            Matrix3::from_fn(|row, column| part[(row, column)])
-        };
-        let unpin = (Matrix3::identity() / PIN - overlap(0, 0)).try_inverse()? * overlap(0, 3);
-        let unpin = Mat::from_fn(3, 3, |a, b| unpin[(a, b)]);
-        let free = self.images.subcols(3, 3) + self.images.subcols(0, 3) * unpin;
-        let own = self.modes.subcols(3, 3).transpose() * &free;
+        // V1 = M1^-1 U, M1 the Hessian without the gauge's springs: the pin is taken back, and frames are loose.
+        let others: Vec<usize> = (0..self.modes.ncols()).filter(|mode| !gauge.contains(mode)).collect();
+        let inner = inner_of(&self.modes, &self.images, &self.stiffness, &others).try_inverse()?;
+        let pick = |from: &Mat<f64>, of: &[usize]| Mat::from_fn(from.nrows(), of.len(), |row, k| from[(row, of[k])]);
+        let own: Vec<usize> = gauge.clone().collect();
+        let (mut free, modes) = (pick(&self.images, &own), pick(&self.modes, &own));
+        let overlap = pick(&self.modes, &others).transpose() * &free;
+        let inner = Mat::from_fn(others.len(), others.len(), |a, b| inner[(a, b)]);
+        free -= pick(&self.images, &others) * (inner * overlap);
+        let own = modes.transpose() * &free;
         let own = Matrix3::from_fn(|a, b| own[(a, b)]);
-        let stiff = 2.0 * gauge::STIFFNESS;
+        let stiff = self.stiffness[gauge.start];
         let share = (Matrix3::identity() + own * stiff).try_inverse()? * (2.0 + stiff);
         Some(free * Mat::from_fn(3, 3, |a, b| share[(a, b)]))
     }
+}
+
+/// `D^-1 + W^T V` of some of the modes.
+fn inner_of(modes: &Mat<f64>, images: &Mat<f64>, stiffness: &[f64], of: &[usize]) -> DMatrix<f64> {
+    let overlap = |a: usize, b: usize| (0..modes.nrows()).map(|row| modes[(row, a)] * images[(row, b)]).sum::<f64>();
+    DMatrix::from_fn(of.len(), of.len(), |a, b| {
+        let own = 0.5 * (overlap(of[a], of[b]) + overlap(of[b], of[a]));
+        own + if a == b { 1.0 / stiffness[of[a]] } else { 0.0 }
+    })
 }
 
 /// The pose that sees most.

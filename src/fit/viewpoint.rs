@@ -13,6 +13,8 @@ pub struct Viewpoint {
     pub position: Vec2,
     /// `R`, the square root of the pose's covariance.
     pub root: Cov3,
+    /// In which frame the pose was reported.
+    pub frame: usize,
     pub noise: ReturnNoise,
 }
 
@@ -74,7 +76,7 @@ pub(super) fn viewpoints(scans: &[LaserScan], noise: &Noise, model_sigma: f64) -
                 range_variance: laser.sigma_range(noise).powi(2),
                 model_variance: model_sigma.powi(2),
             };
-            Ok(Viewpoint { position: laser.pose.position(), root, noise })
+            Ok(Viewpoint { position: laser.pose.position(), root, frame: laser.frame, noise })
         })
         .collect()
 }

@@ -20,10 +20,10 @@ use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::about::{self, console, metrics, usage};
-use super::jobs::{change, events, status, submit, update};
+use super::jobs::{change, events, join, status, submit, update};
 use super::layers::compression::Texts;
 use super::layers::{conventions, counted, guard, keys};
-use super::maps::{arrays, changes, covariance, localize, pictures, query, record, tiles};
+use super::maps::{arrays, changes, covariance, frames, localize, pictures, query, record, tiles};
 use super::places::{publish, read};
 use super::shared::problem::Problem;
 use super::shared::state::HttpLimits;
@@ -53,7 +53,9 @@ fn described() -> OpenApiRouter<AppState> {
         .routes(routes!(events::get_job_events))
         .routes(routes!(status::get_job_request))
         .routes(routes!(record::list_maps))
+        .routes(routes!(join::join_maps))
         .routes(routes!(update::update_map))
+        .routes(routes!(frames::get_map_frames))
         .routes(routes!(record::get_map, record::delete_map, record::relabel_map))
         .routes(routes!(arrays::get_map_coefficients))
         .routes(routes!(arrays::get_map_surfaces))

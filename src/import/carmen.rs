@@ -59,6 +59,7 @@ fn parse_flaser<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<LaserSca
         pose,
         pose_covariance: None,
         sigma_range: None,
+        frame: 0,
         angle_min: -std::f64::consts::FRAC_PI_2,
         angle_increment: step.to_radians(),
         range_min: RANGE_MIN,

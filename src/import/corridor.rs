@@ -48,6 +48,7 @@ pub fn parse_corridor(walls: &str, scans: &str) -> Result<Survey, CorridorError>
         pose: pose(scan.pose_true),
         pose_covariance: None,
         sigma_range: None,
+        frame: 0,
         angle_min: log.angle_min,
         angle_increment: log.angle_increment,
         range_min: lidar.range_min,

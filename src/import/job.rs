@@ -114,6 +114,8 @@ mod tests {
             angle_increment: 0.1,
             range_min: 0.05,
             range_max: 30.0,
+            sigma_range: None,
+            frame: 0,
             ranges: vec![2.0, f64::NAN, 0.1 + 0.2],
         };
         let scans = [scan.clone(), LaserScan { pose_covariance: None, ..scan }];

@@ -72,6 +72,7 @@ mod tests {
             pose: *pose,
             pose_covariance: None,
             sigma_range: None,
+            frame: 0,
             angle_min: 0.0,
             angle_increment: 0.1,
             range_min: 0.1,

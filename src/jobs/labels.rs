@@ -11,6 +11,8 @@ use super::request::{JobRequest, RequestError};
 pub type LabelChange = (Option<Option<String>>, Option<BTreeMap<String, String>>);
 
 const MOST_LABELS: usize = 64;
+/// Seconds: a job that ends in less was never begun, and one of more than a month has no deadline.
+const DEADLINES: (f64, f64) = (0.001, 2_678_400.0);
 
 impl JobRequest {
     /// Reads a change of name and labels: the name, where it is mentioned at all, and the labels, likewise.
@@ -35,7 +37,20 @@ impl JobRequest {
     }
 }
 
+/// What a job says of itself, member by member: name, labels, priority, and its deadline in seconds.
+pub(super) type About =
+    (Option<Option<String>>, Option<Option<BTreeMap<String, String>>>, Option<Option<i64>>, Option<Option<f64>>);
+
 impl Reader<'_> {
+    pub(super) fn about(&mut self, document: &Node) -> About {
+        let deadline =
+            self.optional(document, "", "deadline_seconds", |r, n, p| r.positive(n, p, DEADLINES.0, DEADLINES.1));
+        let name = self.optional(document, "", "name", Self::text);
+        let labels = self.optional(document, "", "labels", Self::labels);
+        let priority = self.optional(document, "", "priority", |r, n, p| r.integer(n, p, -1000, 1000));
+        (name, labels, priority, deadline)
+    }
+
     pub(super) fn labels(&mut self, node: &Node, at: &str) -> Option<BTreeMap<String, String>> {
         let Node::Object(members) = node else {
             return self.fault(at, format!("must be an object of strings, not {}", node.kind()));

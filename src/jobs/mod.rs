@@ -4,6 +4,8 @@
 //! through, [`lifecycle`] what it does where attempts fail. Records are kept by the [store](crate::store) and worked on by the [worker](crate::worker).
 
 pub mod document;
+mod frames;
+mod join;
 pub mod labels;
 pub mod lifecycle;
 mod limits;
@@ -16,6 +18,8 @@ mod stored;
 mod update;
 
 pub use document::DocumentError;
+pub use frames::{Joined, Named};
+pub use join::{JoinBody, Member, join_body};
 pub use limits::{Fault, Limits};
 pub use record::{Job, JobStatus, MapRecord, ProblemReport, Progress};
 pub use request::{Area, JobRequest, RequestError};

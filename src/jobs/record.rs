@@ -49,7 +49,7 @@ impl JobStatus {
 pub struct Progress {
     /// 0 to 100; an estimate while the fit runs.
     pub percent: f64,
-    /// `queued`, `preparing`, `waiting for memory`, `fitting`, `covariance`, `storing` or `done`.
+    /// `queued`, `preparing`, `waiting for memory`, `aligning` (of a join), `fitting`, `covariance`, `storing` or `done`.
     pub stage: String,
     pub iteration: usize,
     pub max_iterations: usize,

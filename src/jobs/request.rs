@@ -9,6 +9,7 @@ use std::f64::consts::TAU;
 use thiserror::Error;
 
 use super::document::{DocumentError, Node};
+use super::frames::Joined;
 use super::limits::{Fault, Limits};
 use super::reader::{FARTHEST, Reader};
 use crate::fit::{self, Distance, Estimate, FitOptions, Footprint, Poses, Weighting};
@@ -40,6 +41,8 @@ pub struct JobRequest {
     /// What the lattice was laid out for.
     pub area: Area,
     pub options: FitOptions,
+    /// Of a join: the frames its scans were reported in. The scans stand where the guesses put them.
+    pub joined: Option<Joined>,
     /// From submission.
     pub deadline_seconds: Option<f64>,
 }
@@ -55,12 +58,20 @@ pub struct Area {
 
 /// Standard deviations outside this cannot be squared into anything useful.
 const SIGMAS: (f64, f64) = (1e-6, 1e3);
-/// Seconds: a job that ends in less was never begun, and one of more than a month has no deadline.
-const DEADLINES: (f64, f64) = (0.001, 2_678_400.0);
 
 impl JobRequest {
     /// The fit's end, found again; `map` is this request's.
     pub fn resume(&self, map: &FittedMap) -> Result<Estimate, SurveyError> {
+        if self.joined.is_some() {
+            let places: Vec<Pose> = map.frames.iter().map(|frame| frame.put).collect();
+            let placed = Self {
+                joined: None,
+                lattice: map.lattice().clone(),
+                scans: self.placed_scans(&places),
+                ..self.clone()
+            };
+            return placed.resume(map);
+        }
         self.survey().resume(map)
     }
 
@@ -124,6 +135,7 @@ impl Reader<'_> {
             lattice,
             area: map.area,
             options: campaign.options?.unwrap_or_default(),
+            joined: None,
             deadline_seconds: campaign.deadline_seconds?,
         })
     }
@@ -134,12 +146,12 @@ impl Reader<'_> {
             return self.fault("", format!("a job is an object, not {}", document.kind()));
         }
         self.known(document, "", known);
+        let (name, labels, priority, deadline_seconds) = self.about(document);
         Some(Campaign {
-            deadline_seconds: self
-                .optional(document, "", "deadline_seconds", |r, n, p| r.positive(n, p, DEADLINES.0, DEADLINES.1)),
-            name: self.optional(document, "", "name", Self::text),
-            labels: self.optional(document, "", "labels", Self::labels),
-            priority: self.optional(document, "", "priority", |r, n, p| r.integer(n, p, -1000, 1000)),
+            name,
+            labels,
+            priority,
+            deadline_seconds,
             scans: self.required(document, "", "scans", Self::scans),
             noise: self.required(document, "", "noise", Self::noise),
             options: self.optional(document, "", "fit", Self::fit),
@@ -247,6 +259,7 @@ impl Reader<'_> {
             pose: pose?,
             pose_covariance: pose_covariance?,
             sigma_range: None,
+            frame: 0,
             angle_min: angle_min?,
             angle_increment: angle_increment?,
             range_min: range_min?,
@@ -312,13 +325,18 @@ impl Reader<'_> {
     fn map(&mut self, node: &Node, at: &str) -> Option<MapPart> {
         self.object(node, at, &["distance", "resolution", "bounds", "margin"])?;
         let distance = self.required(node, at, "distance", |r, n, p| r.choice(n, p, &["sdf", "vdf"]));
+        let (resolution, area) = self.spacing(node, at)?;
+        let distance = if distance? == "vdf" { Distance::Vector } else { Distance::Signed };
+        Some(MapPart { distance, resolution, area })
+    }
+
+    /// A lattice's spacing, metres, and its area.
+    pub(super) fn spacing(&mut self, node: &Node, at: &str) -> Option<(f64, Area)> {
         let resolution = self.required(node, at, "resolution", |r, n, p| r.positive(n, p, 1e-4, 1e4));
         let bounds = self.optional(node, at, "bounds", Self::bounds);
         let margin = self.optional(node, at, "margin", |r, n, p| r.number(n, p, 0.0, 1e4));
-        let distance = if distance? == "vdf" { Distance::Vector } else { Distance::Signed };
         let resolution = resolution?;
-        let area = Area { bounds: bounds?, margin: margin?.unwrap_or(3.0 * resolution) };
-        Some(MapPart { distance, resolution, area })
+        Some((resolution, Area { bounds: bounds?, margin: margin?.unwrap_or(3.0 * resolution) }))
     }
 
     fn bounds(&mut self, node: &Node, at: &str) -> Option<Bounds> {
@@ -334,7 +352,7 @@ impl Reader<'_> {
         (min[0] < max[0] && min[1] < max[1]).then_some(Bounds { min: [min[0], min[1]], max: [max[0], max[1]] })
     }
 
-    fn fit(&mut self, node: &Node, at: &str) -> Option<FitOptions> {
+    pub(super) fn fit(&mut self, node: &Node, at: &str) -> Option<FitOptions> {
         let names = [
             "weighting",
             "poses",

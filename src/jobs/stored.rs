@@ -5,21 +5,25 @@
 //! maps it grew from are deleted.
 //!
 //! ```text
-//! mapfit {"parent": "MAP", "version": 3, "lengths": [1200, 800, 900]}\n  BODY BODY BODY
+//! mapfit {"parent": "MAP", "version": 3, "joined": 0, "lengths": [1200, 800, 900]}\n  BODY BODY BODY
 //! ```
 //!
-//! No body begins like that: a body is JSON.
+//! Of a join it is what is kept of the maps, `joined` of them, and then the join's own body in place of the first fit's. No
+//! body begins like that: a body is JSON.
 
 use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 
+use super::join::join_body;
 use super::limits::Limits;
 use super::request::{JobRequest, RequestError};
 
 const MARK: &[u8] = b"mapfit ";
 /// Bytes of all bodies together: as many as a request of all scans could have, well padded.
 const MOST_BYTES: usize = 512 << 20;
+/// Joins of joins of joins.
+const DEEPEST: usize = 8;
 
 /// Which map a map grew from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -38,6 +42,8 @@ impl Lineage {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stored<'a> {
     pub lineage: Lineage,
+    /// What is kept of the maps that are joined, where the first body is a join's.
+    members: Vec<Cow<'a, [u8]>>,
     /// The first fit's, then the updates', this job's last.
     bodies: Vec<Cow<'a, [u8]>>,
 }
@@ -46,6 +52,8 @@ pub struct Stored<'a> {
 struct Header {
     #[serde(flatten)]
     lineage: Lineage,
+    #[serde(default)]
+    joined: usize,
     lengths: Vec<usize>,
 }
 
@@ -53,7 +61,7 @@ impl<'a> Stored<'a> {
     /// What a store kept.
     pub fn read(bytes: &'a [u8]) -> Result<Self, RequestError> {
         let Some(rest) = bytes.strip_prefix(MARK) else {
-            return Ok(Self { lineage: Lineage::FIRST, bodies: vec![bytes.into()] });
+            return Ok(Self { lineage: Lineage::FIRST, members: Vec::new(), bodies: vec![bytes.into()] });
         };
         let end = rest.iter().position(|byte| *byte == b'\n').ok_or(RequestError::Damaged("its header has no end"))?;
         let header: Header =
@@ -65,17 +73,39 @@ impl<'a> Stored<'a> {
             bodies.push(body.into());
             left = behind;
         }
-        match bodies.is_empty() || !left.is_empty() {
-            true => Err(RequestError::Damaged("its lengths do not fit")),
-            false => Ok(Self { lineage: header.lineage, bodies }),
+        if bodies.len() <= header.joined || !left.is_empty() {
+            return Err(RequestError::Damaged("its lengths do not fit"));
         }
+        let own = bodies.split_off(header.joined);
+        Ok(Self { lineage: header.lineage, members: bodies, bodies: own })
     }
 
     /// The request of an update: this one and one more body. `None` where that is too much to keep.
     pub fn updated(mut self, lineage: Lineage, body: &'a [u8]) -> Option<Self> {
         self.bodies.push(body.into());
-        let bytes = self.bodies.iter().map(|body| body.len()).sum::<usize>();
+        let bytes = self.members.iter().chain(&self.bodies).map(|body| body.len()).sum::<usize>();
         (bytes <= MOST_BYTES).then_some(Self { lineage, ..self })
+    }
+
+    /// The request of a join: what is kept of the maps, and the join's body. `None` where that is too much to keep, or
+    /// joins of joins are nested too deeply.
+    pub fn joined(members: Vec<Vec<u8>>, body: &'a [u8]) -> Option<Self> {
+        let members: Vec<Cow<'a, [u8]>> = members.into_iter().map(Cow::Owned).collect();
+        let own = Self { lineage: Lineage::FIRST, members, bodies: vec![body.into()] };
+        let bytes = own.members.iter().map(|member| member.len()).sum::<usize>() + body.len();
+        (bytes <= MOST_BYTES && own.depth(DEEPEST) <= DEEPEST).then_some(own)
+    }
+
+    /// How deep joins are nested in it, or one more than `most`.
+    fn depth(&self, most: usize) -> usize {
+        if self.members.is_empty() {
+            return 0;
+        }
+        if most == 0 {
+            return 1;
+        }
+        let within = |member: &Cow<'_, [u8]>| Stored::read(member).map_or(most, |own| own.depth(most - 1));
+        1 + self.members.iter().map(within).max().unwrap_or(0)
     }
 
     /// The job's own body, as its client sent it.
@@ -85,21 +115,32 @@ impl<'a> Stored<'a> {
 
     /// What to keep.
     pub fn to_bytes(&self) -> Result<Vec<u8>, serde_json::Error> {
-        if let ([body], Lineage { parent: None, version: 1 }) = (&self.bodies[..], &self.lineage) {
+        if let ([], [body], Lineage { parent: None, version: 1 }) = (&self.members[..], &self.bodies[..], &self.lineage)
+        {
             return Ok(body.to_vec());
         }
-        let lengths = self.bodies.iter().map(|body| body.len()).collect();
+        let all = || self.members.iter().chain(&self.bodies);
+        let lengths = all().map(|body| body.len()).collect();
         let mut bytes = MARK.to_vec();
-        serde_json::to_writer(&mut bytes, &Header { lineage: self.lineage.clone(), lengths })?;
+        serde_json::to_writer(
+            &mut bytes,
+            &Header { lineage: self.lineage.clone(), joined: self.members.len(), lengths },
+        )?;
         bytes.push(b'\n');
-        self.bodies.iter().for_each(|body| bytes.extend_from_slice(body));
+        all().for_each(|body| bytes.extend_from_slice(body));
         Ok(bytes)
     }
 
     /// The request of all scans.
     pub fn request(&self, limits: &Limits) -> Result<JobRequest, RequestError> {
         let (first, updates) = self.bodies.split_first().ok_or(RequestError::Damaged("it has no body"))?;
-        let first = JobRequest::parse(first, limits)?;
+        let first = match self.members.is_empty() {
+            true => JobRequest::parse(first, limits)?,
+            false => {
+                let members = self.members.iter().map(|member| Stored::read(member)?.request(limits));
+                join_body(first, limits)?.request(&members.collect::<Result<Vec<_>, _>>()?, limits)?
+            }
+        };
         updates.iter().try_fold(first, |before, body| before.updated(body, limits))
     }
 }

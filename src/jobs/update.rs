@@ -38,7 +38,7 @@ impl Reader<'_> {
         let differs = noise != before.noise;
         let own = scans.into_iter().map(|scan| if differs { scan.with_noise(&noise) } else { scan });
         let scans: Vec<LaserScan> = before.scans.iter().cloned().chain(own).collect();
-        self.all_count(&scans)?;
+        self.all_count("/scans", &scans)?;
         let map = MapPart { distance: before.distance, resolution: before.lattice.resolution, area: before.area };
         let seen = self.returns(&scans)?;
         let lattice = self.lattice(&scans, &seen, &map)?;
@@ -52,20 +52,21 @@ impl Reader<'_> {
             lattice,
             area: map.area,
             options: options?.unwrap_or(before.options),
+            joined: before.joined.clone(),
             deadline_seconds: deadline_seconds?,
         })
     }
 
     /// Whether all scans together are within the limits of one request.
-    fn all_count(&mut self, scans: &[LaserScan]) -> Option<()> {
+    pub(super) fn all_count(&mut self, at: &str, scans: &[LaserScan]) -> Option<()> {
         let beams: usize = scans.iter().map(|scan| scan.ranges.len()).sum();
         if scans.len() > self.limits.scans {
-            let detail = format!("{} scans with the map's own; the limit is {}", scans.len(), self.limits.scans);
-            return self.fault("/scans", detail);
+            let detail = format!("{} scans with those of before; the limit is {}", scans.len(), self.limits.scans);
+            return self.fault(at, detail);
         }
         if beams > self.limits.values {
-            let detail = format!("{beams} beams with the map's own; the limit is {}", self.limits.values);
-            return self.fault("/scans", detail);
+            let detail = format!("{beams} beams with those of before; the limit is {}", self.limits.values);
+            return self.fault(at, detail);
         }
         Some(())
     }

@@ -4,7 +4,7 @@
 //! in use), `origin`, `resolution`, both covariances' entries on the stencil (`propagated`, `posterior`: the lower
 //! triangle, column by column; of a vector field with `_xx`, `_xy`, `_yx`, `_yy`), the evidence (`evidence`, 4 x 4
 //! marks a cell), the surfaces (`facets`: the two ends of each, `facet_sigma`: propagated and posterior,
-//! `facet_open`), the poses and the returns. Covariances off the diagonal are f32: a millionth of a sigma is enough. What any other
+//! `facet_open`), the poses and the returns; of joined maps their `frames`. Covariances off the diagonal are f32: a millionth of a sigma is enough. What any other
 //! entry can be formed from is found again from the job's request and `resume` ([`crate::fit::resume`]). The fit's
 //! report is JSON inside `map.npz`, as bytes.
 
@@ -14,7 +14,7 @@ use thiserror::Error;
 use super::clearance::Clearance;
 use super::field::CellCovariance;
 use super::npz::{NpzError, NpzReader, NpzWriter};
-use super::{Chart, Facet, Field, FitReport, FittedMap, MapError, Surfaces, zero_lines};
+use super::{Chart, Facet, Field, FitReport, FittedMap, Frame, MapError, Surfaces, zero_lines};
 use crate::geometry::{Cov3, Pose, Vec2};
 use crate::scan::{Evidence, Noise, SUBCELLS};
 use crate::sparse::{Stencil, StencilMatrix};
@@ -71,6 +71,10 @@ impl FittedMap {
                 covariances.iter().flat_map(|c| c.transpose().iter().copied().collect::<Vec<_>>()).collect();
             npz.array(name, &[covariances.len(), 3, 3], &flat)?;
         }
+        if !self.frames.is_empty() {
+            let rows: Vec<f64> = self.frames.iter().flat_map(frame_row).collect();
+            npz.array("frames", &[self.frames.len(), FRAME_ROW], &rows)?;
+        }
         write_surfaces(&mut npz, &self.surfaces, ["facets", "facet_sigma", "facet_open"])?;
         npz.array("report", &[report.len()], &report)?;
         Ok(npz.finish()?)
@@ -103,6 +107,7 @@ impl FittedMap {
             propagated: read_covariances(&mut npz, "pose_propagated")?,
             posterior: read_covariances(&mut npz, "pose_posterior")?,
         };
+        let frames = read_frames(&mut npz)?;
         let report: FitReport = serde_json::from_slice(&npz.array::<u8>("report")?)?;
         let surfaces = match npz.has("facets") {
             true => read_surfaces(&mut npz, lattice.resolution)?,
@@ -121,9 +126,30 @@ impl FittedMap {
             pose_covariance,
             returns: pairs.chunks_exact(2).map(|p| Vec2::new(p[0], p[1])).collect(),
             noise: Noise { sigma_x, sigma_y, sigma_theta, sigma_range },
+            frames,
             resume,
         })
     }
+}
+
+/// A frame's row: its index, its motion, where it was put, the motion's covariance.
+const FRAME_ROW: usize = 16;
+
+fn frame_row(frame: &Frame) -> [f64; FRAME_ROW] {
+    let (m, p) = (&frame.motion, &frame.put);
+    let head = [frame.index as f64, m.x, m.y, m.theta, p.x, p.y, p.theta];
+    std::array::from_fn(|k| if k < 7 { head[k] } else { frame.covariance[((k - 7) / 3, (k - 7) % 3)] })
+}
+
+fn read_frames(npz: &mut NpzReader<'_>) -> Result<Vec<Frame>, ArchiveError> {
+    let rows: Vec<f64> = if npz.has("frames") { npz.array("frames")? } else { Vec::new() };
+    let frame = |row: &[f64]| Frame {
+        index: row[0] as usize,
+        motion: Pose::new(row[1], row[2], row[3]),
+        put: Pose::new(row[4], row[5], row[6]),
+        covariance: Cov3::from_row_slice(&row[7..]),
+    };
+    Ok(rows.chunks_exact(FRAME_ROW).map(frame).collect())
 }
 
 fn poses_of(triples: &[f64]) -> Vec<Pose> {

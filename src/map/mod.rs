@@ -30,10 +30,10 @@ pub use survey::{Stage, Step, Survey, SurveyError};
 
 use self::clearance::Clearance;
 use crate::fit::{Distance, Estimate, Weighting, Weights};
-use crate::geometry::{Pose, Vec2};
+use crate::geometry::{Cov3, Pose, Vec2};
 use crate::scan::{Evidence, Noise};
 use crate::spline::Lattice;
-use crate::uncertainty::{Kind, PoseCovariance, UncertaintyError, marginals};
+use crate::uncertainty::{FrameShift, Kind, PoseCovariance, UncertaintyError, frame_shifts, marginals};
 
 /// Why a fit gave no map.
 #[derive(Debug, Error)]
@@ -97,6 +97,53 @@ pub struct Chart<'a> {
     pub evidence: &'a Evidence,
 }
 
+/// A joined map's frame in the joined map.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// Its place among the request's frames; the first, which is held, is not told.
+    pub index: usize,
+    /// How the fit moved it from where its scans were put: (x, y, theta), the turn about the origin of the joined map.
+    pub motion: Pose,
+    /// In (x, y, theta) of `motion`.
+    pub covariance: Cov3,
+    /// Where its scans were put; from there the fit is found again.
+    pub put: Pose,
+}
+
+impl Frame {
+    /// A shift, of a frame that is put at the origin until it is told otherwise. About the origin, `x' = x + c - turn c`.
+    fn shifted(shift: FrameShift) -> Self {
+        let (sin, cos) = shift.motion.z.sin_cos();
+        let c = shift.center;
+        let turned = Vec2::new(cos * c.x - sin * c.y, sin * c.x + cos * c.y);
+        let moved = shift.motion.xy() + c - turned;
+        // Moments about another center: the translation there has the turn's share.
+        let jacobian = Cov3::new(1.0, 0.0, c.y, 0.0, 1.0, -c.x, 0.0, 0.0, 1.0);
+        Self {
+            index: shift.frame,
+            motion: Pose::new(moved.x, moved.y, shift.motion.z),
+            covariance: jacobian * shift.covariance * jacobian.transpose(),
+            put: Pose::new(0.0, 0.0, 0.0),
+        }
+    }
+
+    /// Where it lies.
+    pub fn pose(&self) -> Pose {
+        let (sin, cos) = self.motion.theta.sin_cos();
+        let p = self.put.position();
+        let moved = Vec2::new(cos * p.x - sin * p.y, sin * p.x + cos * p.y) + self.motion.position();
+        Pose::new(moved.x, moved.y, self.motion.theta + self.put.theta)
+    }
+
+    /// The covariance of that.
+    pub fn pose_covariance(&self) -> Cov3 {
+        let arm = self.pose().position() - self.motion.position();
+        let jacobian = Cov3::new(1.0, 0.0, -arm.y, 0.0, 1.0, arm.x, 0.0, 0.0, 1.0);
+        let own = jacobian * self.covariance * jacobian.transpose();
+        (own + own.transpose()) * 0.5
+    }
+}
+
 /// A finished map.
 #[derive(Debug, Clone)]
 pub struct FittedMap {
@@ -112,6 +159,8 @@ pub struct FittedMap {
     /// The returns where the fit's poses put them.
     pub returns: Vec<Vec2>,
     pub noise: Noise,
+    /// Of a map that others were joined to: where their frames lie.
+    pub frames: Vec<Frame>,
     /// From which pose unknowns the fit's last round went; see [`crate::fit::resume`].
     resume: Vec<f64>,
 }
@@ -121,6 +170,7 @@ impl FittedMap {
     /// whether to go on.
     pub fn of(mut estimate: Estimate, noise: Noise, go_on: &dyn Fn(f64) -> bool) -> Result<Self, MapError> {
         let (marginals, pose_covariance) = marginals(&mut estimate, &|share| go_on(COVARIANCE_SHARE * share))?;
+        let shifts = frame_shifts(&mut estimate)?;
         let covariances = Kind::ALL.map(|kind| CellCovariance::of(&marginals, kind));
         drop(marginals);
         let report = FitReport::of(&estimate);
@@ -135,7 +185,20 @@ impl FittedMap {
             None => Surfaces::of_lines(&field, &zero_lines(Chart { field: &field, evidence: &evidence })?),
         };
         let clearance = Clearance::default();
-        Ok(Self { field, evidence, surfaces, clearance, report, poses, pose_covariance, returns, noise, resume })
+        let frames = shifts.into_iter().map(Frame::shifted).collect();
+        Ok(Self {
+            field,
+            evidence,
+            surfaces,
+            clearance,
+            report,
+            poses,
+            pose_covariance,
+            returns,
+            noise,
+            frames,
+            resume,
+        })
     }
 
     pub fn lattice(&self) -> &Lattice {

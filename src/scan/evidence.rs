@@ -306,6 +306,7 @@ mod tests {
             pose: Pose::new(0.0, 0.0, 0.0),
             pose_covariance: None,
             sigma_range: None,
+            frame: 0,
             angle_min: 0.0,
             angle_increment: 1f64.to_radians(),
             range_min: 0.1,

@@ -11,6 +11,8 @@ pub struct LaserScan {
     /// The standard deviation of its own ranges, metres; it replaces that of [`Noise`]. Scans of several requests are
     /// fitted together.
     pub sigma_range: Option<f64>,
+    /// In which frame the pose was reported; the scans of one share its error. 0 but of maps that are joined.
+    pub frame: usize,
     pub angle_min: f64,
     pub angle_increment: f64,
     pub range_min: f64,

@@ -56,6 +56,7 @@ mod tests {
             pose: Pose::new(x, y, theta),
             pose_covariance: None,
             sigma_range: None,
+            frame: 0,
             angle_min: 0.3,
             angle_increment: 0.1,
             range_min: 0.05,

@@ -65,6 +65,7 @@ pub fn simulate(scene: &impl Scene, lidar: &Lidar, poses: &[Pose], noise: &Noise
                 ),
                 pose_covariance: None,
                 sigma_range: None,
+                frame: 0,
                 angle_min: lidar.angle_min(),
                 angle_increment: lidar.angle_increment(),
                 range_min: lidar.range_min,

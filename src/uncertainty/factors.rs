@@ -7,7 +7,7 @@
 //! ```
 //!
 //! with the common motion's share of the posterior put in, so that `2 H'^-1` is that, too; else they are three unknowns each behind the coefficients,
-//! and the common motion three more ([`Factors::bordered`]); known poses are columns of `B`.
+//! and every common motion one more (`Factors::bordered`); known poses are columns of `B`.
 
 use std::collections::BTreeMap;
 
@@ -16,7 +16,7 @@ use faer::{Mat, Side};
 
 use super::marginals::for_each_carried;
 use super::{CompressedColumns, UncertaintyError};
-use crate::fit::{Estimate, Factor, Poses, System, gauge};
+use crate::fit::{Estimate, Factor, Poses, System};
 use crate::sparse::Cholesky;
 use crate::spline::SUPPORT;
 
@@ -104,41 +104,51 @@ impl Factors {
         let unknowns = self.system.gradient.len() - self.coefficients();
         let spring = match self.system.gauge.ncols() {
             0 => Mat::zeros(unknowns, unknowns),
-            _ => gauge::spring(&self.system.gauge),
+            _ => self.system.gauge.spring(),
         };
         Mat::from_fn(unknowns, unknowns, |a, b| spring[(a, b)] + if a == b { self.prior } else { 0.0 })
     }
 
-    /// With the poses, and the common motion by three unknowns more, so that nothing is dense:
+    /// With the poses, and each common motion by one unknown more, so that the Hessian has no dense block:
     ///
     /// ```text
-    /// H = [ M0           s U ]      s^2 = 2 kappa: eliminating the three gives M0 + 2 kappa U U^T
-    ///     [ s U^T         -I ]
-    /// B B^T = inputs + p^2 I + (4 kappa p + 4 kappa^2) U U^T        U orthonormal
+    /// H = [ M0            r u      ]     r^2 = |2 s|: eliminating it gives M0 + 2 s u u^T
+    ///     [ r u^T     -sign(2 s)   ]
+    /// B B^T = inputs + p^2 I + (4 s p + 4 s^2) u u^T        u orthonormal, s > 0
     /// ```
     ///
-    /// `H` is indefinite then, and its inverse's rows of coefficients what they were.
+    /// `H` is indefinite then, and its inverse's rows of coefficients what they were. A loose frame takes from what its
+    /// scans' reports tell, which no further column can: their reports' columns are dense.
     fn bordered(&self) -> ExportedFactors {
         let (n, unknowns) = (self.coefficients(), self.system.gradient.len());
-        let gauge = &self.system.gauge;
-        let modes = gauge.ncols();
+        let motions = &self.system.gauge;
+        let count = motions.ncols();
         let mut columns: Vec<Vec<(usize, f64)>> = self.columns().into_iter().map(|c| c.into_iter().collect()).collect();
-        let spring = (2.0 * gauge::STIFFNESS).sqrt();
-        for (pose, mode) in (0..unknowns - n).flat_map(|pose| (0..modes).map(move |mode| (pose, mode))) {
-            columns[n + pose].push((unknowns + mode, spring * gauge[(pose, mode)]));
+        let root = |motion: usize| (2.0 * motions.stiffness(motion)).abs().sqrt();
+        let tie = |pose: usize, motion: usize| root(motion) * motions.columns[(pose, motion)];
+        for (pose, motion) in (0..unknowns - n).flat_map(|pose| (0..count).map(move |motion| (pose, motion))) {
+            columns[n + pose].push((unknowns + motion, tie(pose, motion)));
         }
-        for mode in 0..modes {
-            let ties = (0..unknowns - n).map(|pose| (n + pose, spring * gauge[(pose, mode)]));
-            columns.push(ties.chain([(unknowns + mode, -1.0)]).collect());
+        for motion in 0..count {
+            let ties = (0..unknowns - n).map(|pose| (n + pose, tie(pose, motion)));
+            columns.push(ties.chain([(unknowns + motion, -motions.stiffness(motion).signum())]).collect());
         }
-        let mut inputs = CompressedColumns::new(unknowns + modes);
+        let mut inputs = CompressedColumns::new(unknowns + count);
         (0..self.inputs.columns()).for_each(|k| inputs.push(self.inputs.column(k)));
-        (n..unknowns).for_each(|pose| inputs.push([(pose, self.prior)]));
-        let common = (4.0 * gauge::STIFFNESS * (self.prior + gauge::STIFFNESS)).sqrt();
-        for mode in 0..modes {
-            inputs.push((0..unknowns - n).map(|pose| (n + pose, common * gauge[(pose, mode)])));
+        if motions.held == count {
+            (n..unknowns).for_each(|pose| inputs.push([(pose, self.prior)]));
+            for motion in 0..count {
+                let stiffness = motions.stiffness(motion);
+                let common = (4.0 * stiffness * (self.prior + stiffness)).sqrt();
+                inputs.push((0..unknowns - n).map(|pose| (n + pose, common * motions.columns[(pose, motion)])));
+            }
+        } else {
+            let reports = self.reports();
+            for b in 0..unknowns - n {
+                inputs.push((0..unknowns - n).map(|a| (n + a, reports[(a, b)])).filter(|(_, v)| *v != 0.0));
+            }
         }
-        ExportedFactors { hessian: CompressedColumns::of(unknowns + modes, columns), inputs }
+        ExportedFactors { hessian: CompressedColumns::of(unknowns + count, columns), inputs }
     }
 
     /// The share `R R^T` of the posterior that is the common motion's, as a change of the eliminated Hessian, so that its

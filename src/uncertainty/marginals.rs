@@ -1,11 +1,12 @@
 //! The covariances' entries on the pattern: all that any query needs, and the poses'.
 //!
-//! With `M = M0 + 2 kappa U U^T` and its factor ([`Factor`]), `p` the curvature of the poses' prior, and
+//! With `M = M0 + 2 kappa U U^T`, less what loosens joined frames' motions `L` (`fit::gauge`), and its factor ([`Factor`]),
+//! `p` the curvature of the poses' prior, and
 //!
 //! ```text
 //! G = sum over inputs b b^T + p^2 I (poses) + ROUNDING^2 diag M0     on the pattern
 //! R = M^-1 (p + 2 kappa) U                                          the answer to a common motion of the reports
-//! propagated   M^-1 G M^-1 + R R^T - M^-1 p^2 U U^T M^-1
+//! propagated   M^-1 G M^-1 + R R^T - M^-1 p^2 (U U^T + L L^T) M^-1
 //! posterior    2 M^-1 + R R^T
 //! ```
 //!

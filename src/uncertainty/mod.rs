@@ -15,6 +15,7 @@
 
 mod columns;
 mod factors;
+mod frames;
 mod joint;
 mod marginals;
 mod modes;
@@ -24,6 +25,7 @@ use thiserror::Error;
 
 pub use columns::CompressedColumns;
 pub use factors::{ExportedFactors, Factors};
+pub use frames::{FrameShift, frame_shifts};
 pub use joint::Joint;
 pub use marginals::{Marginals, PoseCovariance, marginals};
 

@@ -6,12 +6,13 @@
 //! M^-1 G M^-1 = S - V K Y^T - Y K V^T + V K (V^T G V) K V^T,   Y = Mp^-1 G V
 //! ```
 //!
-//! and both covariances' other terms are columns, too (see `marginals`). All are as long as the unknowns, none is wider than
-//! six, so any entry costs a few multiplications.
+//! and both covariances' other terms are columns, too (see `marginals`). All are as long as the unknowns, and few: six, and three more for
+//! every joined frame, so any entry costs a few multiplications.
 
 use faer::Mat;
 
 use super::{Kind, UncertaintyError};
+use crate::fit::gauge::LOOSE;
 use crate::fit::{Estimate, Factor};
 use crate::sparse::{Symmetric, SystemMatrix};
 
@@ -42,16 +43,19 @@ impl Modes {
         let mut y = gv;
         estimate.cholesky.solve_block(y.as_mut())?;
         let answer = factor.answer_to_common_motion().ok_or(UncertaintyError::NoMinimum)?;
-        let mut own = Mat::zeros(v.nrows(), 3);
-        own.copy_from(factor.modes.subcols(3, 3));
+        let gauge = factor.gauge_modes();
+        let mut own = Mat::from_fn(v.nrows(), v.ncols() - gauge.start, |row, k| factor.modes[(row, gauge.start + k)]);
         factor.solve_block(&estimate.cholesky, own.as_mut())?;
+        // What the reports do not tell: of a common motion, the answer to it does; of a loose frame, nothing.
+        let lost = |mode: usize| if mode < gauge.len() { 1.0 } else { 1.0 - (1.0 - LOOSE).powi(2) };
+        let untold = Mat::from_fn(own.nrows(), own.ncols(), |row, mode| lost(mode) * own[(row, mode)]);
         let square = |of: &Mat<f64>, scale: f64| Product { left: of.clone(), right: of.clone(), scale };
         Ok(Self {
             posterior: vec![Product { left: weighed.clone(), right: v.clone(), scale: -2.0 }, square(&answer, 1.0)],
             propagated: vec![
                 Product { left: weighed, right: y, scale: -2.0 },
                 Product { left: middle, right: v.clone(), scale: 1.0 },
-                square(&own, -estimate.prior().powi(2)),
+                Product { left: untold, right: own, scale: -estimate.prior().powi(2) },
                 square(&answer, 1.0),
             ],
         })

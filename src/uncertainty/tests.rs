@@ -7,7 +7,7 @@ use faer::linalg::solvers::DenseSolveCore;
 
 use super::marginals::ROUNDING;
 use super::*;
-use crate::fit::{Distance, End, Estimate, FitOptions, Poses, Weighting, fit, gauge, resume};
+use crate::fit::{Distance, End, Estimate, FitOptions, Poses, Weighting, fit, resume};
 use crate::scan::LaserScan;
 use crate::sim::Scenario;
 use crate::spline::Lattice;
@@ -28,7 +28,7 @@ fn dense(estimate: &Estimate) -> (Mat<f64>, Mat<f64>) {
     let mut m = estimate.system.hessian.to_dense();
     let spring = match estimate.system.gauge.ncols() {
         0 => Mat::zeros(unknowns - n, unknowns - n),
-        _ => gauge::spring(&estimate.system.gauge),
+        _ => estimate.system.gauge.spring(),
     };
     (0..unknowns - n).for_each(|a| (0..unknowns - n).for_each(|b| m[(n + a, n + b)] += spring[(a, b)]));
     let (points, row) = (pattern.stencil().dimension(), pattern.stencil().size()[0]);
@@ -71,11 +71,11 @@ fn exact_covariances(estimate: &Estimate) -> [Mat<f64>; 2] {
     let image = &inverse * &b;
     let n = estimate.system.hessian.pattern().coefficients();
     let mut posterior = &inverse * faer::Scale(2.0);
-    if estimate.system.gauge.ncols() > 0 {
+    if estimate.system.gauge.held > 0 {
         // The answer to a common motion of all reports, whose variance along the gauge is one.
         let inputs = b.ncols() - n;
         let reports = image.subcols(inputs - (m.nrows() - n), m.nrows() - n);
-        let moved = reports * &estimate.system.gauge;
+        let moved = reports * estimate.system.gauge.columns.subcols(0, 3);
         posterior += &moved * moved.transpose();
     }
     [&image * image.transpose(), posterior]
@@ -271,5 +271,55 @@ fn little_evidence_agrees_with_a_dense_reference() {
                 assert!((0..n).all(|k| (own[k] / exact[(k, k)] - 1.0).abs() < 1e-6), "{poses:?} {kind:?}");
             }
         }
+    }
+}
+
+/// Experiment 1's three scans, the second and the third reported in a frame of their own.
+#[test]
+fn of_joined_maps_entries_and_frames_agree_with_dense_inverses() {
+    let mut scans = Scenario::experiment_one().scans(6);
+    scans[1..].iter_mut().for_each(|scan| scan.frame = 1);
+    for distance in Distance::ALL {
+        let mut estimate = fitted(&scans, distance, &FitOptions::default());
+        assert!(estimate.converged);
+        let exact = exact_covariances(&estimate);
+        let (m, b) = dense(&estimate);
+        let (marginals, _) = marginals(&mut estimate, &|_| true).unwrap();
+        let pattern = marginals.propagated.pattern().clone();
+        let n = pattern.coefficients();
+        for (kind, exact) in Kind::ALL.into_iter().zip(&exact) {
+            for (p, q, at) in pattern.entries() {
+                let (value, scale) = (marginals.of(kind).values()[at], (exact[(p, p)] * exact[(q, q)]).sqrt());
+                let far = (value - exact[(p, q)]).abs();
+                assert!(far <= 1e-6 * scale, "{distance:?} {kind:?} ({p}, {q}): {value} {}", exact[(p, q)]);
+            }
+        }
+        // A frame's error: what the fit makes of all inputs, less the reports' own noise, along the frame's motion.
+        let frame = estimate.system.gauge.frames[0].clone();
+        let unknowns = m.nrows() - n;
+        let told = Mat::from_fn(m.nrows(), 3, |row, k| match row.checked_sub(n) {
+            Some(pose) => (0..3)
+                .map(|c| estimate.system.gauge.columns[(pose, frame.first + c)] * frame.scale[(k, c)])
+                .sum::<f64>(),
+            None => 0.0,
+        });
+        let mut error = told.transpose() * (inverse_of(&m) * &b);
+        // The reports' columns are the last before rounding's.
+        let first = b.ncols() - n - unknowns;
+        for (k, column) in (0..3).flat_map(|k| (0..unknowns).map(move |column| (k, column))) {
+            error[(k, first + column)] -= told[(n + column, k)];
+        }
+        let exact = &error * error.transpose();
+        let shifts = frame_shifts(&mut estimate).unwrap();
+        let [shift] = &shifts[..] else { panic!("{shifts:?}") };
+        for (a, b) in (0..3).flat_map(|a| (0..3).map(move |b| (a, b))) {
+            let scale = (exact[(a, a)] * exact[(b, b)]).sqrt();
+            assert!(
+                (shift.covariance[(a, b)] - exact[(a, b)]).abs() < 1e-4 * scale,
+                "{distance:?} {shift:?} {exact:?}"
+            );
+        }
+        // Both halves see the room: the frame is known to centimetres.
+        assert!(shift.motion.norm() < 0.1 && shift.covariance[(0, 0)].sqrt() < 0.03, "{shift:?}");
     }
 }

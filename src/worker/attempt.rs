@@ -16,7 +16,8 @@ use super::clock::Clock;
 use crate::fit::FitError;
 use crate::geometry::Pose;
 use crate::jobs::lifecycle::{MAX_ATTEMPTS, backoff, runs_again};
-use crate::jobs::{JobRequest, Lineage, MapRecord, ProblemReport, Progress, RequestError, Stored};
+use crate::jobs::{JobRequest, Joined, Limits, Lineage, MapRecord, ProblemReport, Progress, RequestError, Stored};
+use crate::living::{JoinError, aligned};
 use crate::map::{ArchiveError, FittedMap, MapError, Stage, Step, SurveyError};
 use crate::store::{Artifacts, ArtifactsError, Claim, MAP_FILE, StoreError};
 use crate::uncertainty::UncertaintyError;
@@ -45,6 +46,8 @@ enum AttemptError {
     #[error(transparent)]
     Survey(SurveyError),
     #[error(transparent)]
+    Join(JoinError),
+    #[error(transparent)]
     Archive(#[from] ArchiveError),
     #[error(transparent)]
     Artifacts(#[from] ArtifactsError),
@@ -57,6 +60,12 @@ enum AttemptError {
 impl From<SurveyError> for AttemptError {
     fn from(error: SurveyError) -> Self {
         if error.is_cancelled() { Self::Stopped } else { Self::Survey(error) }
+    }
+}
+
+impl From<JoinError> for AttemptError {
+    fn from(error: JoinError) -> Self {
+        if error == JoinError::Cancelled { Self::Stopped } else { Self::Join(error) }
     }
 }
 
@@ -75,7 +84,13 @@ impl AttemptError {
             | Self::Survey(SurveyError::Map(MapError::Uncertainty(UncertaintyError::IllConditioned { .. }))) => {
                 ("ill-determined", "The scans do not determine the map")
             }
-            Self::Survey(_) => ("fit-failed", "The map could not be fitted"),
+            Self::Join(JoinError::Undetermined { .. } | JoinError::Apart { .. }) => {
+                ("frames-undetermined", "The maps do not tell how they lie to each other")
+            }
+            Self::Join(JoinError::Mismatch { .. } | JoinError::Far { .. }) => {
+                ("maps-do-not-match", "The maps do not match where they were guessed to lie")
+            }
+            Self::Survey(_) | Self::Join(_) => ("fit-failed", "The map could not be fitted"),
             Self::TooLong(_) => ("job-too-long", "The job took longer than one may"),
             Self::Panic(_) => ("solver-panicked", "The solver failed in a way it should not"),
             _ => ("internal-error", "The job could not be finished"),
@@ -83,7 +98,7 @@ impl AttemptError {
         ProblemReport {
             r#type: format!("/problems/{slug}"),
             title: title.into(),
-            status: if matches!(self, Self::Survey(_) | Self::TooLong(_)) { 422 } else { 500 },
+            status: if matches!(self, Self::Survey(_) | Self::Join(_) | Self::TooLong(_)) { 422 } else { 500 },
             detail: self.to_string(),
         }
     }
@@ -137,7 +152,10 @@ fn work(
     let held = clock.without(|| workshop.memory.reserve(cost.bytes as u64, &goes_on)).ok_or(AttemptError::Stopped)?;
     set_stage(progress, "fitting", 0.0);
     let before = runtime.block_on(poses_before(workshop, &claim.job.tenant, &lineage));
-    let map = fit_request(&request, &before, progress, stop)?;
+    let map = match &request.joined {
+        Some(joined) => fit_joined(&request, joined, &before, (progress, stop), &workshop.limits)?,
+        None => fit_request(&request, &before, progress, stop)?,
+    };
     set_stage(progress, "storing", WHOLE.1);
     let fitted = Instant::now();
     let bytes = map.to_npz()?;
@@ -229,6 +247,26 @@ pub fn fit_request(
     let survey = request.survey();
     let survey = if before.is_empty() { survey } else { survey.on(before) };
     survey.map_watched(&observer)
+}
+
+/// A join: where the frames lie, then one fit of all scans from there.
+fn fit_joined(
+    request: &JobRequest,
+    joined: &Joined,
+    before: &[Pose],
+    (progress, stop): (&Mutex<Progress>, &AtomicBool),
+    limits: &Limits,
+) -> Result<FittedMap, AttemptError> {
+    set_stage(progress, "aligning", 0.0);
+    let goes_on = || !stop.load(Ordering::Relaxed);
+    let map_of = |frame: usize| joined.named.iter().position(|named| named.frame == frame).unwrap_or(frame);
+    let places = aligned(&request.scans_in_frames(), &joined.guesses, &goes_on);
+    let places = places.map_err(|error| error.of_map(map_of))?;
+    set_stage(progress, "fitting", 0.0);
+    let placed = request.placed(&places, limits).map_err(JoinError::from)?;
+    let mut map = fit_request(&placed, before, progress, stop)?;
+    joined.tell(&mut map, &places);
+    Ok(map)
 }
 
 /// What the fit and its covariance take of the whole, in per cent: little is before them, and little after.

@@ -18,6 +18,7 @@ use super::loss::Curvature;
 use super::objective::{Objective, local_jet};
 use super::sightings::Sighting;
 use crate::fit::estimate::{HELD, Input, Inputs};
+use crate::fit::gauge::Motions;
 use crate::fit::options::Weighting;
 use crate::fit::system::System;
 use crate::spline::{SUPPORT, gather};
@@ -60,7 +61,7 @@ impl Inputs for SignedInputs {
 /// The system of an objective whose poses are known, with them as unknowns that do not move.
 pub(super) fn with_held_poses(objective: &Objective, unknowns: &[f64], system: &System) -> System {
     let poses = objective.sightings.viewpoints.len();
-    let mut held = System::zeros(objective.pattern_of_all_poses(), faer::Mat::zeros(3 * poses, 0));
+    let mut held = System::zeros(objective.pattern_of_all_poses(), Motions::none(3 * poses));
     held.gradient[..system.gradient.len()].copy_from_slice(&system.gradient);
     held.hessian.add_diagonal_block(0, system.hessian.block(0, 0), 1.0);
     (0..poses).for_each(|pose| held.hessian.add_pose(pose, &(Matrix3::identity() * HELD)));

@@ -22,7 +22,6 @@ use super::loss::Curvature;
 use super::sightings::{Placed, Sighting, Sightings};
 use crate::fit::PRIOR;
 use crate::fit::collocation::{gauss, thin_plate};
-use crate::fit::gauge;
 use crate::fit::system::System;
 use crate::geometry::{Cov3, Vec2};
 use crate::sparse::{CellBlock, Pattern, Stencil, StencilMatrix, Views};
@@ -238,13 +237,13 @@ impl Objective {
             *gradient += 2.0 * e;
         }
         (0..e.len() / 3).for_each(|pose| system.hessian.add_pose(pose, &(Matrix3::identity() * PRIOR)));
-        gauge::add_pull(&self.sightings.gauge, e, &mut system.gradient[c.len()..]);
+        self.sightings.gauge.add_pull(e, &mut system.gradient[c.len()..]);
         surface + sightings + self.prior(e)
     }
 
     /// What the pose unknowns cost by themselves: their prior, and the gauge's spring.
     fn prior(&self, e: &[f64]) -> f64 {
-        e.iter().map(|e| e * e).sum::<f64>() + gauge::energy(&self.sightings.gauge, e)
+        e.iter().map(|e| e * e).sum::<f64>() + self.sightings.gauge.energy(e)
     }
 
     fn assemble_surface(&self, c: &[f64], curvature: Curvature, system: &mut System) -> f64 {

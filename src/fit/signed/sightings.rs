@@ -7,12 +7,11 @@
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-use faer::Mat;
 use nalgebra::Vector3;
 
 use super::loss::{Curvature, LocalJet};
 use super::sampson::{frozen, sampson};
-use crate::fit::gauge;
+use crate::fit::gauge::Motions;
 use crate::fit::viewpoint::{Viewpoint, onto_one_to_two};
 use crate::geometry::Vec2;
 use crate::scan::Return;
@@ -45,7 +44,7 @@ pub struct Sightings {
     pub weighing: Weighing,
     pub refined: bool,
     /// `U`, the directions the gauge holds (see `fit::gauge`); without columns where poses are fixed.
-    pub gauge: Mat<f64>,
+    pub gauge: Motions,
     reported: Placed,
 }
 
@@ -60,7 +59,7 @@ pub struct Placed {
 impl Sightings {
     /// Sightings from poses as reported. `returns` are those inside the lattice.
     pub fn new(lattice: &Lattice, returns: Vec<Return>, viewpoints: Vec<Viewpoint>, weighing: Weighing) -> Self {
-        let (gauge, reported) = (Mat::zeros(0, 0), Placed::default());
+        let (gauge, reported) = (Motions::none(0), Placed::default());
         let mut sightings = Self { returns, viewpoints, weighing, refined: false, gauge, reported };
         sightings.reported = sightings.place(lattice, &vec![0.0; 3 * sightings.viewpoints.len()]);
         sightings
@@ -70,7 +69,7 @@ impl Sightings {
     /// the pose's is then modelled where it belongs.
     pub fn refine(&mut self, refined: bool) {
         self.refined = refined;
-        self.gauge = if refined { gauge::common_motion(&self.viewpoints) } else { Mat::zeros(0, 0) };
+        self.gauge = if refined { Motions::of(&self.viewpoints) } else { Motions::none(0) };
         for viewpoint in &mut self.viewpoints {
             viewpoint.noise.pose = (!refined).then(|| viewpoint.root * viewpoint.root.transpose());
         }

@@ -275,6 +275,7 @@ mod tests {
     fn viewpoints(scans: &[LaserScan], noise: &Noise) -> Vec<Viewpoint> {
         let viewpoint = |scan: &LaserScan| Viewpoint {
             position: scan.pose.position(),
+            frame: 0,
             root: Cov3::from_diagonal(&nalgebra::Vector3::new(noise.sigma_x, noise.sigma_y, noise.sigma_theta)),
             noise: ReturnNoise { pose: None, range_variance: noise.sigma_range.powi(2), model_variance: 1e-6 },
         };

@@ -23,18 +23,17 @@ mod objective;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
-use faer::Mat;
-
 use characteristics::Characteristics;
 use inputs::VectorInputs;
 use objective::VectorObjective;
 
 use super::estimate::{Distance, Estimate, Minimum};
+use super::gauge::Motions;
 use super::options::{FitOptions, MOST_TRUST, Poses, Weighting, Weights};
 use super::surfels::{Surfel, Surfels, normals, standing};
 use super::system::Factor;
 use super::viewpoint::{Viewpoint, corrected, information, pose_unknowns, range_sigma, returns_inside, viewpoints};
-use super::{End, FitError, Job, Observer, Progress, gauge, in_use, why_not};
+use super::{End, FitError, Job, Observer, Progress, in_use, why_not};
 use crate::geometry::Pose;
 use crate::scan::{LaserScan, Noise, Return};
 use crate::sparse::{Cholesky, Pattern, Stencil};
@@ -172,8 +171,8 @@ impl Place<'_> {
     /// The objective of gathered surfels, linear around the pose unknowns `e`.
     fn objective(&self, gathered: &Gathered, e: &[f64]) -> Result<VectorObjective, FitError> {
         let gauge = match self.refined() {
-            true => gauge::common_motion(self.viewpoints),
-            false => Mat::zeros(e.len(), 0),
+            true => Motions::of(self.viewpoints),
+            false => Motions::none(e.len()),
         };
         let Gathered { surfels, traced, .. } = gathered;
         Ok(VectorObjective::assemble(self.lattice, self.stencil, surfels, traced, self.weights, (e, gauge))?)

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
 use super::characteristics::{Characteristics, Course, collocation};
 use crate::fit::collocation::thin_plate;
 use crate::fit::estimate::{HELD, Minimum, PRIOR};
+use crate::fit::gauge::Motions;
 use crate::fit::options::{Poses, Weights};
 use crate::fit::surfels::{Surfel, Surfels};
 use crate::fit::system::System;
@@ -38,7 +38,7 @@ impl VectorObjective {
         surfels: &Surfels,
         characteristics: &Characteristics,
         weights: &Weights,
-        (e, gauge): (&[f64], Mat<f64>),
+        (e, gauge): (&[f64], Motions),
     ) -> Result<Self, SparseError> {
         let views = views(lattice, stencil, surfels, e.len() / 3);
         views.check_size(2)?;

@@ -4,6 +4,7 @@ pub mod change;
 pub mod document;
 pub mod dry_run;
 pub mod events;
+pub mod join;
 pub mod record;
 pub mod recording;
 pub mod schema;

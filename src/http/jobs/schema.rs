@@ -32,6 +32,17 @@ pub struct JobRequestBody {
     deadline_seconds: Option<f64>,
 }
 
+/// A request as it was accepted: a job's, an update's or a join's.
+#[derive(Deserialize, ToSchema)]
+#[schema(as = AcceptedRequest)]
+#[serde(untagged)]
+#[allow(dead_code)]
+pub enum AcceptedRequestBody {
+    Job(JobRequestBody),
+    Update(UpdateRequestBody),
+    Join(JoinRequestBody),
+}
+
 /// New scans for a map that is there: a job request without `map`.
 #[derive(Deserialize, ToSchema)]
 #[schema(as = UpdateRequest)]
@@ -47,6 +58,30 @@ pub struct UpdateRequestBody {
     /// Of these scans; those of before keep theirs.
     noise: NoiseBody,
     /// How the parent was fitted, where it is left out.
+    fit: Option<FitRequestBody>,
+    /// Higher runs first.
+    #[schema(minimum = -1000, maximum = 1000)]
+    priority: Option<i32>,
+    /// From submission; past it the job is failed.
+    #[schema(minimum = 0.001, maximum = 2678400.0)]
+    deadline_seconds: Option<f64>,
+}
+
+/// Maps to be joined into one.
+#[derive(Deserialize, ToSchema)]
+#[schema(as = JoinRequest)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code)]
+pub struct JoinRequestBody {
+    #[schema(max_length = 256)]
+    name: Option<String>,
+    /// Keys have no colon; 64 labels at most, 256 bytes each.
+    labels: Option<BTreeMap<String, String>>,
+    /// The first is held where its pose says.
+    #[schema(min_items = 1, max_items = 64)]
+    maps: Vec<JoinedMapBody>,
+    map: JoinedMapRequestBody,
+    /// Poses are refined, and weights calibrated.
     fit: Option<FitRequestBody>,
     /// Higher runs first.
     #[schema(minimum = -1000, maximum = 1000)]
@@ -101,6 +136,37 @@ pub struct RecordingOptionsBody {
     /// One past the last scan taken.
     #[schema(minimum = 1)]
     to: Option<u64>,
+}
+
+/// A map to be joined, and where its frame lies in the joined one.
+#[derive(Deserialize, ToSchema)]
+#[schema(as = JoinedMap)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code)]
+pub struct JoinedMapBody {
+    id: String,
+    /// A guess; of the first map, which is held, the origin where it is left out.
+    pose: Option<PoseBody>,
+    /// Row-major in (x, y, theta): how good the guess is; 0.5 m and 0.15 rad where it is left out.
+    #[schema(min_items = 9, max_items = 9)]
+    pose_covariance: Option<Vec<f64>>,
+}
+
+/// The map that maps are joined into.
+#[derive(Deserialize, ToSchema)]
+#[schema(as = JoinedMapSpec)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code)]
+pub struct JoinedMapRequestBody {
+    /// The first map's where it is left out.
+    distance: Option<DistanceName>,
+    /// The spacing of control points, metres.
+    #[schema(exclusive_minimum = 0.0)]
+    resolution: f64,
+    /// The area; without it, the returns and poses plus `margin`.
+    bounds: Option<BoundsBody>,
+    /// Metres; three cells by default.
+    margin: Option<f64>,
 }
 
 /// One laser scan; beam k has bearing angle_min + k angle_increment from the pose's heading.

@@ -8,7 +8,7 @@ use axum::http::{StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 
 use super::record::JobBody;
-use super::schema::JobRequestBody;
+use super::schema::AcceptedRequestBody;
 use crate::http::shared::compute::Queue;
 use crate::http::shared::page::Page;
 use crate::http::shared::params::Params;
@@ -75,9 +75,9 @@ pub async fn get_job(
     Ok(Json(job.into()))
 }
 
-/// The accepted request, whole; of an update, that is the new scans'.
+/// The accepted request, whole, as its client sent it: of an update the new scans.
 #[utoipa::path(get, operation_id = "get_job_request", path = "/v1/jobs/{id}/request", tag = "jobs", security(("key" = ["read"])), params(("id" = String, Path)),
-    responses((status = 200, description = "the request as it was accepted", body = JobRequestBody), Refused))]
+    responses((status = 200, description = "the request as it was accepted", body = AcceptedRequestBody), Refused))]
 pub async fn get_job_request(
     State(state): State<AppState>,
     caller: Caller,

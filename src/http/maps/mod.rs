@@ -3,6 +3,7 @@
 pub mod arrays;
 pub mod changes;
 pub mod covariance;
+pub mod frames;
 pub mod localize;
 pub mod pictures;
 pub mod query;

@@ -60,6 +60,7 @@ impl From<MapRecord> for MapBody {
             "coefficients",
             "covariance",
             "contours",
+            "frames",
             "grid",
             "image",
             "mcap",

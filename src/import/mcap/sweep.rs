@@ -98,6 +98,7 @@ fn part(
         range_min,
         range_max,
         sigma_range: None,
+        frame: 0,
         ranges: ranges.iter().map(|range| returned(*range, range_max)).collect(),
     })
 }

@@ -2,16 +2,21 @@
 
 import asyncio
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from os import PathLike
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from .evaluation import Evaluation
 from .fitted import Arrays, FittedMap
 from .localization import LocalizedPose
 from .occupancy import OccupancyGrid
+from .recordings.jobs import as_job
 from .records import Kind, MapRecord, PosedScan
-from .routes import maps
+from .routes import jobs, maps
 from .wire.awaiting import AsyncConnection
 from .wire.exchange import Exchange
+
+if TYPE_CHECKING:
+    from .async_jobs import AsyncJob
 
 T = TypeVar("T")
 
@@ -57,6 +62,26 @@ class AsyncMap(FittedMap):
     async def poses(self) -> list[PosedScan]:
         """The scans' poses as the fit has them."""
         return await self._run(maps.poses(self.id))
+
+    async def update(
+        self, job: Mapping[str, Any] | str | PathLike[str], *, idempotency_key: str | None = None
+    ) -> "AsyncJob":
+        """Submits new scans, as `Client.submit` takes them: a job whose map knows what one fit of all scans would.
+
+        This map stays as it is.
+        """
+        from .async_jobs import AsyncJob  # noqa: PLC0415  (a job gives maps, and a map jobs)
+
+        record = await self._run(jobs.update(self.id, as_job(job), idempotency_key))
+        return AsyncJob(record, self._connection)
+
+    async def changes(self, since: "AsyncMap | str", *, probability: float = 0.99) -> dict[str, Any]:
+        """What differs from another map beyond what the uncertainty of both explains, as GeoJSON in metres."""
+        return await self._run(maps.changes(self.id, since if isinstance(since, str) else since.id, probability))
+
+    async def frames(self) -> list[dict[str, Any]]:
+        """Where the frames of the maps that were joined to this one lie: `map_id`, `pose`, `covariance`."""
+        return await self._run(maps.frames(self.id))
 
     async def localize(
         self,

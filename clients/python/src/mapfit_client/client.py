@@ -55,6 +55,23 @@ class Client:
         """
         return Job(self._connection.run(jobs.submit(as_job(job), idempotency_key)), self._connection)
 
+    def join(
+        self,
+        maps: Sequence[Mapping[str, Any]],
+        resolution: float,
+        *,
+        name: str | None = None,
+        labels: Mapping[str, str] | None = None,
+        fit: Mapping[str, Any] | None = None,
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Submits a join of maps, each `{"id": ..., "pose": ..., "pose_covariance": ...}` with a guess at its frame.
+
+        The first map's frame is held; the joined map's `frames` tell where the others were found to lie.
+        """
+        further = {"name": name, "labels": labels, "fit": fit}
+        return Job(self._connection.run(jobs.join(maps, resolution, further, idempotency_key)), self._connection)
+
     def job(self, id: str) -> Job:
         """A job by its id."""
         return Job(self._connection.run(jobs.get(id)), self._connection)

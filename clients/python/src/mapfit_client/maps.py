@@ -2,17 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from . import archive
 from .evaluation import Evaluation
 from .fitted import Arrays, FittedMap
 from .localization import LocalizedPose
 from .occupancy import OccupancyGrid
+from .recordings.jobs import as_job
 from .records import Kind, MapRecord, PosedScan
-from .routes import maps
+from .routes import jobs, maps
 from .wire.blocking import Connection
 from .wire.exchange import Exchange
+
+if TYPE_CHECKING:
+    from .jobs import Job
 
 T = TypeVar("T")
 
@@ -65,6 +69,26 @@ class Map(FittedMap):
     def poses(self) -> list[PosedScan]:
         """The scans' poses as the fit has them."""
         return self._run(maps.poses(self.id))
+
+    def update(self, job: Mapping[str, Any] | str | PathLike[str], *, idempotency_key: str | None = None) -> "Job":
+        """Submits new scans, as `Client.submit` takes them: a job whose map knows what one fit of all scans would.
+
+        This map stays as it is.
+        """
+        from .jobs import Job  # noqa: PLC0415  (a job gives maps, and a map jobs)
+
+        if self._connection is None:
+            raise RuntimeError(f"map {self.id} was loaded from a file; client.map({self.id!r}) can ask the service")
+        record = self._run(jobs.update(self.id, as_job(job), idempotency_key))
+        return Job(record, self._connection)
+
+    def changes(self, since: "Map | str", *, probability: float = 0.99) -> dict[str, Any]:
+        """What differs from another map beyond what the uncertainty of both explains, as GeoJSON in metres."""
+        return self._run(maps.changes(self.id, since if isinstance(since, str) else since.id, probability))
+
+    def frames(self) -> list[dict[str, Any]]:
+        """Where the frames of the maps that were joined to this one lie: `map_id`, `pose`, `covariance`."""
+        return self._run(maps.frames(self.id))
 
     def localize(
         self,

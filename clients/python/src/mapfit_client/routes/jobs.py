@@ -4,9 +4,10 @@ import gzip
 import json
 import time
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from ..recordings.jobs import plain
 from ..records import ENDED, JobRecord
 from ..wire.exchange import Ask, Exchange, address, get_json
 
@@ -18,15 +19,30 @@ _PATIENT = 12
 """Tries of whoever waits: a service that is restarted is back within some minutes."""
 
 
-def submit(job: Mapping[str, Any], idempotency_key: str | None) -> Exchange[JobRecord]:
+def submit(job: Mapping[str, Any], idempotency_key: str | None, path: str = "/v1/jobs") -> Exchange[JobRecord]:
     """Submits a job once, however often the request has to be sent: a key is made where none is given."""
     headers = {"content-type": "application/json", "idempotency-key": idempotency_key or str(uuid.uuid4())}
     body = json.dumps(job, allow_nan=False, separators=(",", ":")).encode()
     if len(body) >= _WORTH_PACKING:
         body, headers["content-encoding"] = gzip.compress(body, 1, mtime=0), "gzip"
-    answer = yield Ask("POST", "/v1/jobs", headers=headers, body=body)
+    answer = yield Ask("POST", path, headers=headers, body=body)
     record: JobRecord = answer.json()
     return record
+
+
+def update(map_id: str, job: Mapping[str, Any], idempotency_key: str | None) -> Exchange[JobRecord]:
+    """Submits new scans for a map; a job's `map` is left out, since the map's own counts."""
+    new = {name: member for name, member in job.items() if name != "map"}
+    return submit(new, idempotency_key, address("maps", map_id, "updates"))
+
+
+def join(
+    maps: Sequence[Mapping[str, Any]], resolution: float, further: Mapping[str, Any], idempotency_key: str | None
+) -> Exchange[JobRecord]:
+    """Submits a join; further members that are None are left out."""
+    known = {name: plain(member) for name, member in further.items() if member is not None}
+    body = {"maps": plain(maps), "map": {"resolution": float(resolution)}, **known}
+    return submit(body, idempotency_key, "/v1/joins")
 
 
 def get(job_id: str) -> Exchange[JobRecord]:

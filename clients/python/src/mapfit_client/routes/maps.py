@@ -80,6 +80,19 @@ def poses(map_id: str) -> Exchange[list[PosedScan]]:
     return scans
 
 
+def changes(map_id: str, since: str, probability: float) -> Exchange[dict[str, Any]]:
+    """What differs from another map, as GeoJSON."""
+    params = {"since": since, "probability": repr(float(probability))}
+    geojson: dict[str, Any] = yield from get_json(address("maps", map_id, "changes"), params)
+    return geojson
+
+
+def frames(map_id: str) -> Exchange[list[dict[str, Any]]]:
+    """Where the frames of joined maps lie."""
+    told: list[dict[str, Any]] = (yield from get_json(address("maps", map_id, "frames")))["frames"]
+    return told
+
+
 def localize(map_id: str, question: Mapping[str, Any]) -> Exchange[list[LocalizedPose]]:
     """Where scans were taken; members of the question that are None are left out."""
     asked = {name: plain(value) for name, value in question.items() if value is not None and name != "scans"}
