@@ -164,6 +164,9 @@ pub fn tables() -> Vec<(&'static str, Vec<&'static str>)> {
     all.map(|table| (table.name, table.columns.iter().map(|(column, _)| *column).collect())).to_vec()
 }
 
+/// A column's name, and what it holds.
+type Column = (&'static str, Kind);
+
 impl Table {
     pub fn list(&self) -> String {
         self.columns.iter().map(|(column, _)| *column).collect::<Vec<_>>().join(", ")
@@ -176,7 +179,7 @@ impl Table {
 
     /// A row, where there is none of its key: the statement, and its columns. What an older version did not save yet gets
     /// the schema's default; what a newer one saved, and nobody here knows, is an error.
-    pub fn insert(&self, row: &Row) -> Result<(String, Vec<(&'static str, Kind)>), StoreError> {
+    pub fn insert(&self, row: &Row) -> Result<(String, Vec<Column>), StoreError> {
         if let Some(unknown) = row.keys().find(|column| !self.columns.iter().any(|(name, _)| name == column)) {
             return Err(StoreError::NotRestored(format!("{} has no column {unknown}", self.name)));
         }

@@ -18,7 +18,6 @@ use super::marginals::for_each_carried;
 use crate::fit::gauge::LOOSE;
 use crate::fit::{Estimate, Factor};
 use crate::geometry::{Cov3, Vec2};
-use crate::spline::SUPPORT;
 
 /// How a joined frame moved from where its scans were put.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,9 +68,9 @@ fn covariance(
     for_each_carried(estimate, &mut |input| {
         let mut share = Vector3::zeros();
         for (component, own) in input.by_control_points[..pattern.components()].iter().enumerate() {
-            for k in 0..SUPPORT {
+            for (k, own) in own.iter().enumerate() {
                 let at = component * points + input.first + k % 4 + k / 4 * row;
-                (0..3).for_each(|column| share[column] += own[k] * x[(at, column)]);
+                (0..3).for_each(|column| share[column] += own * x[(at, column)]);
             }
         }
         for (pose, own) in input.by_poses {
