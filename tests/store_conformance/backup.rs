@@ -90,15 +90,13 @@ const LEFT_OUT: [&str; 10] = [
     "turns",
 ];
 /// So are these columns.
-const COLUMNS_LEFT_OUT: [(&str, &str); 3] =
-    [("jobs", "worker"), ("jobs", "lease_until"), ("place_versions", "serial")];
+const COLUMNS_LEFT_OUT: [(&str, &str); 3] = [("jobs", "worker"), ("jobs", "lease_until"), ("place_versions", "serial")];
 
 /// Holds columns of a database, as (table, column), against those that are saved.
 fn all_are_saved(columns: &[(String, String)]) {
     let saved = mapfit::store::saved_tables();
-    let is_saved = |table: &str, column: &str| {
-        saved.iter().any(|(name, columns)| *name == table && columns.contains(&column))
-    };
+    let is_saved =
+        |table: &str, column: &str| saved.iter().any(|(name, columns)| *name == table && columns.contains(&column));
     let forgotten: Vec<_> = columns
         .iter()
         .filter(|(table, _)| !LEFT_OUT.contains(&&table[..]))
@@ -116,12 +114,14 @@ fn a_backup_has_every_column_of_every_table() {
     tokio::runtime::Runtime::new().unwrap().block_on(async {
         mapfit::store::SqliteStore::open(&file).await.unwrap();
         let mut sqlite = sqlx::SqliteConnection::connect(&format!("sqlite://{}", file.display())).await.unwrap();
-        let columns = "SELECT t.name, c.name FROM sqlite_master AS t, pragma_table_info(t.name) AS c WHERE t.type = 'table'";
+        let columns =
+            "SELECT t.name, c.name FROM sqlite_master AS t, pragma_table_info(t.name) AS c WHERE t.type = 'table'";
         all_are_saved(&sqlx::query_as(columns).fetch_all(&mut sqlite).await.unwrap());
         let url = crate::postgres_server::database().await;
         mapfit::store::PostgresStore::open(&url, 2).await.unwrap();
         let mut postgres = sqlx::PgConnection::connect(&url).await.unwrap();
-        let columns = "SELECT table_name::text, column_name::text FROM information_schema.columns WHERE table_schema = 'public'";
+        let columns =
+            "SELECT table_name::text, column_name::text FROM information_schema.columns WHERE table_schema = 'public'";
         all_are_saved(&sqlx::query_as(columns).fetch_all(&mut postgres).await.unwrap());
     });
 }
