@@ -275,3 +275,47 @@ fn damage_is_found_out() {
     let imported = target.run(&["import", path, "--json"]);
     assert_eq!(serde_json::from_slice::<Value>(&imported.stdout).unwrap(), json!({"added": 3, "there": 0}));
 }
+
+/// While jobs end and places change, an export has each job's end with its map, or neither; on either database.
+#[test]
+fn an_export_of_a_service_at_work_is_of_one_moment() {
+    let url = tokio::runtime::Runtime::new().unwrap().block_on(postgres_server::database());
+    for database in [None, Some(url)] {
+        let (data, folder) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let mut arguments = vec!["--data".to_owned(), data.path().to_str().unwrap().to_owned()];
+        arguments.extend(database.into_iter().flat_map(|url| ["--database-url".to_owned(), url]));
+        let stores = Stores { arguments, variables: Vec::new() };
+        let server = stores.serve(data.path(), 1, &[]);
+        let jobs: Vec<String> = (0..60).map(|seed| server.submit(&small(seed))).collect();
+        let path = folder.path().join("export");
+        let lines = |name: &str| -> Vec<Value> {
+            let text = std::fs::read_to_string(path.join(name)).unwrap();
+            text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+        };
+        let mut between = 0;
+        loop {
+            let output = stores.run(&["export", path.to_str().unwrap()]);
+            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+            let (saved, maps) = (lines("jobs.jsonl"), lines("maps.jsonl"));
+            assert_eq!(saved.len(), jobs.len());
+            let mut ended: Vec<&Value> = Vec::new();
+            for job in saved.iter().map(|line| &line["job"]["job"]) {
+                match job["status"].as_str().unwrap() {
+                    "successful" => ended.push(&job["map_id"]),
+                    status => assert_eq!(status, "accepted", "one that runs waits for whoever restores it"),
+                }
+            }
+            let mut kept: Vec<&Value> = maps.iter().map(|line| &line["map"]["map"]["id"]).collect();
+            ended.sort_by_key(|id| id.as_str());
+            kept.sort_by_key(|id| id.as_str());
+            assert_eq!(ended, kept);
+            assert_eq!(std::fs::read_dir(path.join("artifacts")).unwrap().count(), kept.len());
+            if kept.len() == jobs.len() {
+                break;
+            }
+            between += usize::from(!kept.is_empty());
+        }
+        println!("{between} exports while jobs ended");
+        assert!(between > 0);
+    }
+}

@@ -68,9 +68,12 @@ pub(super) enum Kind {
 }
 use Kind::{Blob, Number, Real, Small, Text};
 
+/// Its name, and what it holds.
+pub(super) type Column = (&'static str, Kind);
+
 pub(super) struct Table {
     pub name: &'static str,
-    pub columns: &'static [(&'static str, Kind)],
+    pub columns: &'static [Column],
 }
 
 pub(super) const KEYS: Table = Table {
@@ -164,9 +167,6 @@ pub fn tables() -> Vec<(&'static str, Vec<&'static str>)> {
     all.map(|table| (table.name, table.columns.iter().map(|(column, _)| *column).collect())).to_vec()
 }
 
-/// A column's name, and what it holds.
-type Column = (&'static str, Kind);
-
 impl Table {
     pub fn list(&self) -> String {
         self.columns.iter().map(|(column, _)| *column).collect::<Vec<_>>().join(", ")
@@ -177,22 +177,25 @@ impl Table {
         format!("SELECT {} FROM {} WHERE {condition}", self.list(), self.name)
     }
 
-    /// A row, where there is none of its key: the statement, and its columns. What an older version did not save yet gets
-    /// the schema's default; what a newer one saved, and nobody here knows, is an error.
-    pub fn insert(&self, row: &Row) -> Result<(String, Vec<Column>), StoreError> {
+    /// The columns that a row has. What an older version did not save yet gets the schema's default; what a newer one saved,
+    /// and nobody here knows, is an error.
+    pub fn of(&self, row: &Row) -> Result<Vec<Column>, StoreError> {
         if let Some(unknown) = row.keys().find(|column| !self.columns.iter().any(|(name, _)| name == column)) {
             return Err(StoreError::NotRestored(format!("{} has no column {unknown}", self.name)));
         }
-        let own: Vec<(&str, Kind)> = self.columns.iter().filter(|(name, _)| row.contains_key(*name)).copied().collect();
-        let names: Vec<&str> = own.iter().map(|(name, _)| *name).collect();
-        let places: Vec<String> = (1..=own.len()).map(|k| format!("${k}")).collect();
+        Ok(self.columns.iter().filter(|(name, _)| row.contains_key(*name)).copied().collect())
+    }
+
+    /// A row of these columns, where there is none of its key.
+    pub fn insert(&self, columns: &[Column]) -> String {
+        let names: Vec<&str> = columns.iter().map(|(name, _)| *name).collect();
+        let places: Vec<String> = (1..=columns.len()).map(|k| format!("${k}")).collect();
         let (names, places) = (names.join(", "), places.join(", "));
-        let sql = format!("INSERT INTO {} ({names}) VALUES ({places}) ON CONFLICT DO NOTHING", self.name);
-        Ok((sql, own))
+        format!("INSERT INTO {} ({names}) VALUES ({places}) ON CONFLICT DO NOTHING", self.name)
     }
 
     pub fn read(&self, row: &impl Columns) -> Result<Row, StoreError> {
-        let value = |&(column, kind): &(&str, Kind)| {
+        let value = |&(column, kind): &Column| {
             let value = match kind {
                 Text => row.some_text(column)?.map(Value::from),
                 Number => row.some_number(column)?.map(Value::from),
@@ -319,8 +322,8 @@ macro_rules! backup_of {
                 let (mut tx, mut restored) = (self.begin().await?, 0);
                 for saved in saved {
                     for (k, (table, row)) in saved.rows().into_iter().enumerate() {
-                        let (insert, columns) = table.insert(row)?;
-                        let mut insert = sqlx::query(AssertSqlSafe(insert));
+                        let columns = table.of(row)?;
+                        let mut insert = sqlx::query(AssertSqlSafe(table.insert(&columns)));
                         for (column, kind) in columns {
                             let value = &row[column];
                             insert = match kind {
