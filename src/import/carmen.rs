@@ -6,8 +6,6 @@
 //! in one log 81.87, 81.89 and 81.91): the largest values, where they are repeated as no measurement is, mean no
 //! return, never a surface.
 
-use std::collections::BTreeMap;
-
 use super::{ImportError, heading};
 use crate::geometry::Pose;
 use crate::scan::LaserScan;
@@ -70,18 +68,18 @@ fn parse_flaser<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<LaserSca
 
 /// The value from which ranges stand for "no return", where the log has one.
 fn no_return_value(scans: &[LaserScan]) -> Option<f64> {
-    let mut counts: BTreeMap<u64, usize> = BTreeMap::new();
-    for range in scans.iter().flat_map(|scan| &scan.ranges) {
-        // Non-negative floats sort like their bits.
-        *counts.entry(range.max(0.0).to_bits()).or_default() += 1;
-    }
-    let largest = f64::from_bits(*counts.last_key_value()?.0);
-    let (top, below) =
-        counts.iter().rev().partition::<Vec<_>, _>(|(bits, _)| f64::from_bits(**bits) >= largest - SPREAD);
-    let count: usize = top.iter().map(|(_, count)| **count).sum();
-    let next: usize = below.iter().take(10).map(|(_, count)| **count).sum();
-    let lowest = top.last().map(|(bits, _)| f64::from_bits(**bits))?;
-    (count >= REPEATED && count > next).then_some(lowest)
+    // Floats from +0 up sort like their bits; sorted, they are counted without a table of them.
+    let mut sorted: Vec<u64> =
+        scans.iter().flat_map(|scan| &scan.ranges).map(|range| (range.max(0.0) + 0.0).to_bits()).collect();
+    sorted.sort_unstable();
+    let largest = f64::from_bits(*sorted.last()?);
+    let begin = sorted.partition_point(|bits| f64::from_bits(*bits) < largest - SPREAD);
+    let (below, top) = sorted.split_at(begin);
+    // The ten largest values below, however often each comes.
+    let values = below.chunk_by(|a, b| a == b).rev();
+    let next: usize = values.take(10).map(<[u64]>::len).sum();
+    let lowest = f64::from_bits(*top.first()?);
+    (top.len() >= REPEATED && top.len() > next).then_some(lowest)
 }
 
 #[cfg(test)]

@@ -185,6 +185,7 @@ def recording(
     head_down=False,
     echoes=False,
     covariance=None,
+    time_increment=0.0,
     compression=CompressionType.ZSTD,
 ) -> bytes:
     """A robot's drive. `shift` is how far the poses' clock is ahead, `at` when the k-th scan was taken."""
@@ -210,7 +211,7 @@ def recording(
         elif poses == "posed":
             robot.write("/pose", POSED, {"header": header(now + shift, "map"), "pose": sure}, logged)
         for topic in scan_topics:
-            scan = laser_scan(line, now, head_down=head_down)
+            scan = laser_scan(line, now, head_down=head_down, time_increment=time_increment)
             robot.write(topic, ECHOES if echoes else SCAN, echoes_of(scan) if echoes else scan, logged)
     return robot.bytes()
 

@@ -122,6 +122,14 @@ expected = jacobian @ np.diag([4e-4, 1e-4, 2.5e-5]) @ jacobian.T
 assert np.allclose(np.reshape(scan["pose_covariance"], (3, 3)), expected, rtol=0, atol=1e-15)
 assert scan["ranges"] == [None if r > 50 else r for r in few[3].ranges]
 
+# A robot that moves while its beams go round: whole beams, in parts, each from where the robot was; a job says so.
+job = post(recording(few, time_increment=0.1 / 360)).json()
+parts = http.get(f"/v1/jobs/{job['id']}/request").json()["scans"]
+assert "in parts" in job["message"] and "1 of 16 scans are left out" in job["message"], job["message"]
+assert sum(len(s["ranges"]) for s in parts) == 15 * len(few[0].ranges) and len(parts) > 15
+steps = [np.hypot(b["pose"]["x"] - a["pose"]["x"], b["pose"]["y"] - a["pose"]["y"]) for a, b in zip(parts, parts[1:])]
+assert np.median(steps) < 0.03
+
 # Which scans are taken.
 some = {"every": 3, "from": 1, "to": 12, "name": "part", "labels": {"site": "hq"}}
 job = post(recording(few), some).json()
