@@ -44,7 +44,7 @@ impl FitCommand {
         let progress = Mutex::new(Progress::queued(request.options.max_iterations));
         let bar = ProgressBar::new_spinner().with_message("fitting");
         bar.enable_steady_tick(Duration::from_millis(100));
-        let map = fit_request(&request, &[], &progress, &AtomicBool::new(false))?;
+        let map = fit_request(&request, &progress, &AtomicBool::new(false))?;
         bar.finish_and_clear();
         std::fs::create_dir_all(out).map_err(CliError::io(out.display().to_string()))?;
         let factors =

@@ -39,7 +39,6 @@ pub use surfels::{Surfel, Surfels, Witness};
 pub use system::{Factor, System};
 pub use viewpoint::{Viewpoint, pose_unknowns};
 
-use crate::geometry::Pose;
 use crate::scan::{Evidence, LaserScan, Noise};
 use crate::sparse::{SparseError, Stencil};
 use crate::spline::{Lattice, Surface};
@@ -104,13 +103,6 @@ pub struct End<'a> {
     pub poses: &'a [f64],
 }
 
-/// A map that a fit goes on from: that of the first of its scans, in their order.
-#[derive(Debug, Clone, Copy)]
-pub struct Before<'a> {
-    /// As that fit left them.
-    pub poses: &'a [Pose],
-}
-
 /// What is to be fitted.
 #[derive(Debug, Clone, Copy)]
 struct Job<'a> {
@@ -120,8 +112,6 @@ struct Job<'a> {
     options: &'a FitOptions,
     /// Where the fit ended before, if it is not to be fitted again.
     end: Option<End<'a>>,
-    /// What is known of some of the scans.
-    before: Option<Before<'a>>,
 }
 
 impl Job<'_> {
@@ -148,20 +138,7 @@ pub fn fit(
     options: &FitOptions,
     observer: Observer<'_>,
 ) -> Result<Estimate, FitError> {
-    dispatch(&Job { scans, noise, lattice, options, end: None, before: None }, distance, observer)
-}
-
-/// The same, from where a map of the first of the scans stands. The minimum is sought from nearer by; a signed distance,
-/// whose loss has many minima, is fitted as if there were no such map, so that it ends where a first fit ends.
-pub fn fit_on(
-    before: Before<'_>,
-    (scans, noise): (&[LaserScan], &Noise),
-    distance: Distance,
-    lattice: &Lattice,
-    options: &FitOptions,
-    observer: Observer<'_>,
-) -> Result<Estimate, FitError> {
-    dispatch(&Job { scans, noise, lattice, options, end: None, before: Some(before) }, distance, observer)
+    dispatch(&Job { scans, noise, lattice, options, end: None }, distance, observer)
 }
 
 /// The estimate of a fit that has ended before, from where it ended: system and inputs are assembled there, nothing is
@@ -174,7 +151,7 @@ pub fn resume(
     options: &FitOptions,
     end: End<'_>,
 ) -> Result<Estimate, FitError> {
-    let job = Job { scans, noise, lattice, options, end: Some(end), before: None };
+    let job = Job { scans, noise, lattice, options, end: Some(end) };
     dispatch(&job, distance, &mut |_| ControlFlow::Continue(()))
 }
 

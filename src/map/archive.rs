@@ -80,11 +80,6 @@ impl FittedMap {
         Ok(npz.finish()?)
     }
 
-    /// The poses alone of a `map.npz`.
-    pub fn poses_in_npz(bytes: &[u8]) -> Result<Vec<Pose>, ArchiveError> {
-        Ok(poses_of(&NpzReader::new(bytes, LARGEST_ARRAY)?.array::<f64>("poses")?))
-    }
-
     /// A map from its `map.npz`.
     pub fn from_npz(bytes: &[u8]) -> Result<Self, ArchiveError> {
         let mut npz = NpzReader::new(bytes, LARGEST_ARRAY)?;

@@ -6,8 +6,8 @@ use std::time::Instant;
 use thiserror::Error;
 
 use super::{FittedMap, MapError};
-use crate::fit::{self, Before, Distance, End, Estimate, FitError, FitOptions, Poses, pose_unknowns};
-use crate::geometry::{Bounds, Pose};
+use crate::fit::{self, Distance, End, Estimate, FitError, FitOptions, Poses, pose_unknowns};
+use crate::geometry::Bounds;
 use crate::scan::{LaserScan, Noise, returns_of};
 use crate::spline::{Lattice, LatticeError};
 use crate::uncertainty::UncertaintyError;
@@ -64,23 +64,13 @@ pub struct Survey<'a> {
     bounds: Option<Bounds>,
     lattice: Option<Lattice>,
     options: FitOptions,
-    before: Option<Before<'a>>,
 }
 
 impl<'a> Survey<'a> {
     /// A signed map of the scans at 0.2 m, unless told otherwise.
     pub fn new(scans: &'a [LaserScan], noise: Noise) -> Self {
         let options = FitOptions::default();
-        Self {
-            scans,
-            noise,
-            distance: Distance::Signed,
-            resolution: 0.2,
-            bounds: None,
-            lattice: None,
-            options,
-            before: None,
-        }
+        Self { scans, noise, distance: Distance::Signed, resolution: 0.2, bounds: None, lattice: None, options }
     }
 
     /// Which distance the map holds.
@@ -108,11 +98,6 @@ impl<'a> Survey<'a> {
         Self { options, ..self }
     }
 
-    /// From where a map of the first of the scans stands: its poses, in the scans' order.
-    pub fn on(self, poses: &'a [Pose]) -> Self {
-        Self { before: Some(Before { poses }), ..self }
-    }
-
     /// The map.
     pub fn map(&self) -> Result<FittedMap, SurveyError> {
         self.map_watched(&|_| ControlFlow::Continue(()))
@@ -130,11 +115,7 @@ impl<'a> Survey<'a> {
             let share = fits_share * progress.share(tolerance);
             observer(&Step { stage: Stage::Fitting, share, fit: *progress })
         };
-        let given = (self.scans, &self.noise);
-        let estimate = match self.before {
-            Some(before) => fit::fit_on(before, given, self.distance, &lattice, &self.options, &mut watch)?,
-            None => fit::fit(self.scans, &self.noise, self.distance, &lattice, &self.options, &mut watch)?,
-        };
+        let estimate = fit::fit(self.scans, &self.noise, self.distance, &lattice, &self.options, &mut watch)?;
         let fitted = began.elapsed().as_secs_f64();
         let go_on = |share: f64| {
             let share = fits_share + (1.0 - fits_share) * share;

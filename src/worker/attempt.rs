@@ -14,9 +14,8 @@ use uuid::Uuid;
 use super::Workshop;
 use super::clock::Clock;
 use crate::fit::FitError;
-use crate::geometry::Pose;
 use crate::jobs::lifecycle::{MAX_ATTEMPTS, backoff, runs_again};
-use crate::jobs::{JobRequest, Joined, Limits, Lineage, MapRecord, ProblemReport, Progress, RequestError, Stored};
+use crate::jobs::{JobRequest, Joined, Limits, MapRecord, ProblemReport, Progress, RequestError, Stored};
 use crate::living::{JoinError, aligned};
 use crate::map::{ArchiveError, FittedMap, MapError, Stage, Step, SurveyError};
 use crate::store::{Artifacts, ArtifactsError, Claim, MAP_FILE, StoreError};
@@ -151,10 +150,9 @@ fn work(
     let (_, cost) = request.cost(&goes_on).ok_or(AttemptError::Stopped)?;
     let held = clock.without(|| workshop.memory.reserve(cost.bytes as u64, &goes_on)).ok_or(AttemptError::Stopped)?;
     set_stage(progress, "fitting", 0.0);
-    let before = runtime.block_on(poses_before(workshop, &claim.job.tenant, &lineage));
     let map = match &request.joined {
-        Some(joined) => fit_joined(&request, joined, &before, (progress, stop), &workshop.limits)?,
-        None => fit_request(&request, &before, progress, stop)?,
+        Some(joined) => fit_joined(&request, joined, (progress, stop), &workshop.limits)?,
+        None => fit_request(&request, progress, stop)?,
     };
     set_stage(progress, "storing", WHOLE.1);
     let fitted = Instant::now();
@@ -217,26 +215,9 @@ async fn keep(workshop: &Workshop, prefix: &str, bytes: Vec<u8>, stop: &AtomicBo
     }
 }
 
-/// The poses of the map that an update goes on from; none where it is gone, and the fit goes the whole way.
-async fn poses_before(workshop: &Workshop, tenant: &str, lineage: &Lineage) -> Vec<Pose> {
-    let Some(parent) = &lineage.parent else { return Vec::new() };
-    let found = async {
-        let record = workshop.records.map(tenant, parent).await?;
-        let Some(record) = record else { return Ok(Vec::new()) };
-        Ok::<_, AttemptError>(FittedMap::poses_in_npz(
-            &workshop.artifacts.get(&record.prefix, MAP_FILE, record.sha256.as_deref()).await?,
-        )?)
-    };
-    found.await.unwrap_or_else(|error| {
-        tracing::warn!(map = %parent, %error, "an update's parent cannot be read; the fit begins without it");
-        Vec::new()
-    })
-}
-
-/// The fit and its covariance, on from `before`, the poses of a map of the first of the scans. `progress` is kept up to date; `stop` ends the work within a step.
+/// The fit and its covariance. `progress` is kept up to date; `stop` ends the work within a step.
 pub fn fit_request(
     request: &JobRequest,
-    before: &[Pose],
     progress: &Mutex<Progress>,
     stop: &AtomicBool,
 ) -> Result<FittedMap, SurveyError> {
@@ -244,16 +225,13 @@ pub fn fit_request(
         report(progress, step);
         if stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    let survey = request.survey();
-    let survey = if before.is_empty() { survey } else { survey.on(before) };
-    survey.map_watched(&observer)
+    request.survey().map_watched(&observer)
 }
 
 /// A join: where the frames lie, then one fit of all scans from there.
 fn fit_joined(
     request: &JobRequest,
     joined: &Joined,
-    before: &[Pose],
     (progress, stop): (&Mutex<Progress>, &AtomicBool),
     limits: &Limits,
 ) -> Result<FittedMap, AttemptError> {
@@ -264,7 +242,7 @@ fn fit_joined(
     let places = places.map_err(|error| error.of_map(map_of))?;
     set_stage(progress, "fitting", 0.0);
     let placed = request.placed(&places, limits).map_err(JoinError::from)?;
-    let mut map = fit_request(&placed, before, progress, stop)?;
+    let mut map = fit_request(&placed, progress, stop)?;
     joined.tell(&mut map, &places);
     Ok(map)
 }

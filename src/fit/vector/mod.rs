@@ -32,7 +32,7 @@ use super::gauge::Motions;
 use super::options::{FitOptions, MOST_TRUST, Poses, Weighting, Weights};
 use super::surfels::{Surfel, Surfels, normals, standing};
 use super::system::Factor;
-use super::viewpoint::{Viewpoint, corrected, information, pose_unknowns, range_sigma, returns_inside, viewpoints};
+use super::viewpoint::{Viewpoint, corrected, information, range_sigma, returns_inside, viewpoints};
 use super::{End, FitError, Job, Observer, Progress, in_use, why_not};
 use crate::geometry::Pose;
 use crate::scan::{LaserScan, Noise, Return};
@@ -82,7 +82,7 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
 
     let (mut gathered, mut z) = match job.end {
         Some(end) => place.ended(end, &mut returns)?,
-        None => place.rounds(&mut returns, job, &mut cholesky, observer)?,
+        None => place.rounds(&mut returns, options, &mut cholesky, observer)?,
     };
     let (objective, minimum) = match job.end {
         Some(_) => place.assembled(&mut gathered, &z)?,
@@ -182,18 +182,12 @@ impl Place<'_> {
     fn rounds(
         &self,
         returns: &mut [Return],
-        job: &Job<'_>,
+        options: &FitOptions,
         cholesky: &mut Cholesky,
         observer: Observer<'_>,
     ) -> Result<(Gathered, Vec<f64>), FitError> {
-        let rounds = if self.refined() { MOST_ROUNDS.min(job.options.max_iterations) } else { 1 };
+        let rounds = if self.refined() { MOST_ROUNDS.min(options.max_iterations) } else { 1 };
         let mut e = vec![0.0; 3 * self.scans.len()];
-        if let Some(before) = job.before.filter(|_| self.refined()) {
-            let known = before.poses.len().min(self.scans.len());
-            let own = pose_unknowns(&self.scans[..known], job.noise, &before.poses[..known])?;
-            e[..own.len()].copy_from_slice(&own);
-            put(returns, self.scans, &self.poses(&e));
-        }
         let mut progress = Progress { max_iterations: rounds + 1, ..Progress::NONE };
         loop {
             observe(observer, &progress)?;
@@ -360,14 +354,7 @@ pub(super) mod tests {
         let noise = Noise { sigma_x: 0.001, sigma_y: 0.001, sigma_theta: 1e-4, sigma_range: 0.005 };
         let bounds = crate::geometry::Bounds { min: [-0.5, -0.5], max: [8.5, 2.5] };
         let lattice = Lattice::covering(&bounds, 0.25, 10_000).unwrap();
-        let job = Job {
-            scans: &scans,
-            noise: &noise,
-            lattice: &lattice,
-            options: &FitOptions::default(),
-            end: None,
-            before: None,
-        };
+        let job = Job { scans: &scans, noise: &noise, lattice: &lattice, options: &FitOptions::default(), end: None };
         let fit = fit(&job, &mut |_| ControlFlow::Continue(())).unwrap();
         assert!(fit.converged && fit.minimum.relative_gradient < 1e-10);
         for (x, y) in [(1.0, 0.0), (2.3, 0.4), (4.1, 0.6), (5.0, 2.0), (6.2, 1.5)] {
