@@ -15,7 +15,7 @@ use super::Workshop;
 use super::clock::Clock;
 use crate::fit::FitError;
 use crate::jobs::lifecycle::{MAX_ATTEMPTS, backoff, runs_again};
-use crate::jobs::{JobRequest, Joined, Limits, MapRecord, ProblemReport, Progress, RequestError, Stored};
+use crate::jobs::{JobRequest, Joined, Limits, Lineage, MapRecord, ProblemReport, Progress, RequestError, Stored};
 use crate::living::{JoinError, aligned};
 use crate::map::{ArchiveError, FittedMap, MapError, Stage, Step, SurveyError};
 use crate::store::{Artifacts, ArtifactsError, Claim, MAP_FILE, StoreError};
