@@ -77,9 +77,15 @@ def before_load_schema(context, document):
             for parameter in operation.get("parameters", []):
                 if parameter["in"] == "path":
                     parameter["example"] = examples.get(parameter["name"], real.get(path.split("/")[2]))
+                if parameter["name"] == "since":
+                    parameter["example"] = map_id
+    noise = job(0.5, 60)["noise"]
     body = {
         ("/v1/jobs", "post"): job(0.5, 60),
         ("/v1/maps/{id}/query", "post"): {"points": [[0.5, 0.5], [1.5, -1.0]]},
+        ("/v1/maps/{id}/localize", "post"): {"scans": [scan(60)], "noise": noise},
+        ("/v1/maps/{id}/updates", "post"): {"scans": [scan(30)], "noise": noise},
+        ("/v1/joins", "post"): {"maps": [{"id": map_id}], "map": {"resolution": 0.5}},
         ("/v1/places/{name}", "put"): {"map_id": map_id},
         ("/v1/places/{name}/rollback", "post"): {"version": 1},
         ("/v1/webhooks", "post"): {"url": "https://hooks.example/", "events": ["job.failed"]},
@@ -121,7 +127,7 @@ def filter_failure(context, failure, case, response):
 # Everything that the document allows must be accepted, apart from ids that nobody has (404), jobs that have ended (409), and
 # what no schema can say (409 or 412: a place is not as a condition says, a job has not ended; 429: there are as many webhooks as
 # may be; 422): maps and versions that places have, networks that webhooks may reach, labels' keys, cursors of this service, boxes in order, numbers that fit the map's lattice, what covariance's
-# `form` asks of the rest, and of a job that its ranges, bounds and poses belong together.
+# `form` asks of the rest, a map that `since` names, and of a job, an update, a join and of scans to be located that ranges, bounds and poses belong together.
 CONFIG = """
 continue-on-failure = true
 request-timeout = 60
@@ -144,7 +150,7 @@ max-examples = 20
 expected-statuses = ["2xx", "304", "404", "409"]
 
 [[operations]]
-include-name = ["GET /v1/jobs", "POST /v1/jobs", "GET /v1/maps"]
+include-name = ["GET /v1/jobs", "POST /v1/jobs", "POST /v1/joins", "GET /v1/maps"]
 checks.positive_data_acceptance.expected-statuses = ["2xx", "304", "404", "409", "422"]
 
 [[operations]]
@@ -156,7 +162,7 @@ include-method = "PATCH"
 checks.positive_data_acceptance.expected-statuses = ["2xx", "404", "422"]
 
 [[operations]]
-include-path = ["/v1/maps/{{id}}/covariance", "/v1/maps/{{id}}/grid", "/v1/maps/{{id}}/mcap", "/v1/maps/{{id}}/ogm"]
+include-path = ["/v1/maps/{{id}}/changes", "/v1/maps/{{id}}/localize", "/v1/maps/{{id}}/updates", "/v1/maps/{{id}}/covariance", "/v1/maps/{{id}}/grid", "/v1/maps/{{id}}/mcap", "/v1/maps/{{id}}/ogm"]
 checks.positive_data_acceptance.expected-statuses = ["2xx", "304", "404", "409", "422"]
 
 [[operations]]
