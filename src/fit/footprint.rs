@@ -43,20 +43,28 @@ pub fn footprint(
             active.into_iter().filter(|active| *active).count()
         }
     };
-    let returns = returns_of(scans);
-    let pose_entries = entries_of_poses(lattice.control_points(), distance.components(), seen(lattice, &returns));
-    Some(Footprint { control_points, scans: scans.len(), returns: returns.len(), pose_entries: pose_entries as usize })
+    let returns = returns_of(scans).len();
+    Some(Footprint {
+        control_points,
+        scans: scans.len(),
+        returns,
+        pose_entries: pose_entries(scans, distance, lattice),
+    })
 }
 
-/// Of every scan with a return, the corners of the control points that its returns tell of.
-fn seen<'a>(lattice: &'a Lattice, returns: &'a [Return]) -> impl Iterator<Item = [[usize; 2]; 4]> + 'a {
-    returns.chunk_by(|a, b| a.scan == b.scan).filter_map(|scan| {
-        let cells = scan.iter().filter_map(|return_| lattice.locate(return_.point)).map(|at| at.cell);
-        let (low, high) = cells.fold(None, |span: Option<([usize; 2], [usize; 2])>, cell| {
-            let (low, high) = span.unwrap_or((cell, cell));
-            Some(([0, 1].map(|k| low[k].min(cell[k])), [0, 1].map(|k| high[k].max(cell[k]))))
-        })?;
-        let high = high.map(|last| last + REACH);
-        Some([low, [high[0], low[1]], [low[0], high[1]], high])
-    })
+/// Entries of the factor between poses, about: found from where each scan's returns lie, scan by scan.
+pub fn pose_entries(scans: &[LaserScan], distance: Distance, lattice: &Lattice) -> usize {
+    let corners = scans.iter().filter_map(|scan| corners(lattice, &returns_of(std::slice::from_ref(scan))));
+    entries_of_poses(lattice.control_points(), distance.components(), corners) as usize
+}
+
+/// The corners of the control points that a scan's returns tell of; `None` where it has none on the lattice.
+fn corners(lattice: &Lattice, returns: &[Return]) -> Option<[[usize; 2]; 4]> {
+    let cells = returns.iter().filter_map(|return_| lattice.locate(return_.point)).map(|at| at.cell);
+    let (low, high) = cells.fold(None, |span: Option<([usize; 2], [usize; 2])>, cell| {
+        let (low, high) = span.unwrap_or((cell, cell));
+        Some(([0, 1].map(|k| low[k].min(cell[k])), [0, 1].map(|k| high[k].max(cell[k]))))
+    })?;
+    let high = high.map(|last| last + REACH);
+    Some([low, [high[0], low[1]], [low[0], high[1]], high])
 }

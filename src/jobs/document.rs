@@ -145,7 +145,9 @@ impl<'de> Visitor<'de> for Seed<'_> {
                     let mut nodes: Vec<Node> = numbers.into_iter().map(number).collect();
                     nodes.push(other);
                     while let Some(node) = seq.next_element_seed(self.again())? {
-                        self.spend(COST_AMONG_OTHERS)?;
+                        if matches!(node, Node::Number(_) | Node::Null) {
+                            self.spend(COST_AMONG_OTHERS)?;
+                        }
                         nodes.push(node);
                     }
                     return Ok(Node::Array(nodes));

@@ -91,8 +91,7 @@ impl JobRequest {
     pub fn most(&self) -> Cost {
         let returns = self.scans.iter().map(|scan| scan.ranges.len()).sum();
         let scans = self.scans.len();
-        // As if every scan saw every other's surroundings.
-        let pose_entries = (3 * scans).pow(2) / 2;
+        let pose_entries = fit::pose_entries(&self.scans, self.distance, &self.lattice);
         let most = Footprint { control_points: self.lattice.len(), scans, returns, pose_entries };
         map::cost(self.distance, &most)
     }
