@@ -3,8 +3,8 @@
 //! A course's evidence is its likelihood, integrated over its basin (Laplace): the product of its returns' densities, each a
 //! mixture of what the map says and of anything in range, times what prior and motions say, times the square root of
 //! `det(2 pi Lambda^-1)`. Returns of one cell of wall say much the same, so the product is taken to the power of how many
-//! cells were met over how many returns met them. What is left for *none of these* is a scan that agrees with the map no
-//! better than a wrong pose does.
+//! cells were met over how many returns met them. Courses that do not hold have no share: that a
+//! scan was taken nowhere on the map is said by its fitting nowhere, not by a probability.
 
 use std::collections::BTreeSet;
 

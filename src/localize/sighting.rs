@@ -10,7 +10,8 @@ use crate::map::FittedMap;
 use crate::spline::SUPPORT;
 use nalgebra::Vector3;
 
-/// How far a surface strays from the spline, as a share of a cell: a part of it every return's own, ...
+/// How far a surface strays from the spline, as a share of a cell: once every return's own, once what the returns of a cell
+/// have in common (`shared`).
 pub const STRAY: f64 = 0.03;
 /// A slope below this is no distance's: the cut locus, or the inside of a wall.
 const LEAST_SLOPE: f64 = 0.3;
