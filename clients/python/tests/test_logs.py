@@ -22,7 +22,7 @@ def test_scans_are_read_and_other_lines_passed_over(tmp_path: Path) -> None:
     (scan,) = job["scans"]
     assert job["name"] == "drive" and job["map"] == {"distance": "vdf", "resolution": 0.5}
     assert job["noise"] == {"sigma_x": 0.02, "sigma_y": 0.02, "sigma_theta": 0.005, "sigma_range": 0.03}
-    assert scan["pose"] == {"x": 1.5, "y": -2.0, "theta": 7.0}
+    assert scan["pose"] == {"x": 1.5, "y": -2.0, "theta": 0.716814692820}
     assert scan["ranges"][:3] == [None, 2.01, 2.02] and scan["range_max"] == 3.79
 
 

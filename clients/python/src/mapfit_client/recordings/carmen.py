@@ -51,7 +51,7 @@ def _flaser(number: int, words: list[str]) -> dict[str, Any]:
         raise ValueError(f"line {number}: {beams} ranges and a pose are wanted, all of them finite")
     x, y, theta = numbers[beams:].tolist()
     return {
-        "pose": {"x": x, "y": y, "theta": theta},
+        "pose": {"x": x, "y": y, "theta": _heading(theta)},
         "angle_min": -math.pi / 2,
         "angle_increment": math.radians(_STEPS[beams]),
         "range_min": _RANGE_MIN,
@@ -68,3 +68,11 @@ def _no_return_value(ranges: Floats) -> float | None:
     top = values >= values[-1] - _SPREAD
     count, following = counts[top].sum(), counts[~top][-10:].sum()
     return float(values[top][0]) if count >= _REPEATED and count > following else None
+
+
+def _heading(theta: float) -> float:
+    """In (-pi, pi], to a picoradian, as the command line has it."""
+    wrapped = theta % math.tau
+    if wrapped > math.pi:
+        wrapped -= math.tau
+    return math.copysign(math.floor(abs(wrapped) * 1e12 + 0.5), wrapped) / 1e12
