@@ -2,8 +2,9 @@
 //! `cargo run --release --example living -- [draws]`
 
 use mapfit::fit::Distance;
+use mapfit::geometry::inverse;
 use mapfit::geometry::{Cov3, Pose};
-use mapfit::living::{Guess, aligned, inverse, moved};
+use mapfit::living::{Guess, aligned, moved};
 use mapfit::map::Survey;
 use mapfit::scan::{LaserScan, Noise};
 use mapfit::sim::{self, misplaced};

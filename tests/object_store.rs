@@ -179,7 +179,24 @@ fn killed_stores_lose_nothing() {
     let begun = Instant::now();
     let artifacts = || store.names("maps").into_iter().filter(|name| name.starts_with("attempts/")).count() as u64;
     while artifacts() != JOBS + 1 {
-        assert!(begun.elapsed() < Duration::from_secs(20), "{} objects for {} maps", artifacts(), JOBS + 1);
+        if begun.elapsed() > Duration::from_secs(20) {
+            let names = store.names("maps");
+            let mut without: Vec<(String, u16)> = Vec::new();
+            for map in maps.iter().chain([&first]) {
+                let record = servers[0].get(&format!("/v1/maps/{map}")).json();
+                let job = record["job_id"].as_str().unwrap().to_owned();
+                if !names.iter().any(|name| name.contains(&job)) {
+                    let fresh = Server::start_among(data.path(), 0, &arguments, &store.variables());
+                    let status = fresh.get(&format!("/v1/maps/{map}/coefficients")).status;
+                    without.push((format!("{} {}", job, fresh.get(&format!("/v1/jobs/{job}")).json()), status));
+                }
+            }
+            panic!(
+                "{} objects for {} maps; without one, by job, and what reading it says: {without:?}; first {first}",
+                artifacts(),
+                JOBS + 1
+            );
+        }
         std::thread::sleep(Duration::from_millis(500));
     }
 }

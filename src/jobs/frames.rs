@@ -1,7 +1,7 @@
 //! The frames of a join: guessed in its request, told by its map.
 
-use crate::geometry::{Cov3, Pose};
-use crate::living::{Guess, in_frame};
+use crate::geometry::{Cov3, Pose, in_frame};
+use crate::living::Guess;
 use crate::map::{FittedMap, Frame};
 
 /// No motion at all.

@@ -15,8 +15,8 @@ use super::limits::Limits;
 use super::reader::Reader;
 use super::request::{Area, JobRequest, MapPart, RequestError};
 use crate::fit::{Distance, FitOptions, Poses, Weighting};
-use crate::geometry::{Cov3, Pose};
-use crate::living::{Guess, in_frame, inverse, moved};
+use crate::geometry::{Cov3, Pose, in_frame, inverse};
+use crate::living::{Guess, moved};
 use crate::scan::LaserScan;
 use crate::spline::{Lattice, LatticeError};
 

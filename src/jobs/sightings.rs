@@ -13,6 +13,8 @@ use crate::uncertainty::Kind;
 /// Scans that are located in one question: each by itself, or as one trajectory, whose poses are unknowns together.
 const MOST_SCANS: usize = 1000;
 const MOST_ALONG: usize = 200;
+/// What is located in milliseconds: so many returns, each scan by itself and with a prior.
+const FEW_RETURNS: usize = 20_000;
 /// Hypotheses that may be asked for.
 const MOST_HYPOTHESES: i64 = 50;
 
@@ -33,6 +35,12 @@ impl Sightings {
         let mut reader = Reader::new(limits);
         let read = reader.sightings(&document);
         reader.concluded(read)
+    }
+
+    /// Whether it is answered in milliseconds.
+    pub fn is_light(&self) -> bool {
+        let returns: usize = self.scans.iter().map(|own| own.scan.ranges.len()).sum();
+        self.motions.is_none() && returns <= FEW_RETURNS && self.scans.iter().all(|own| own.prior.is_some())
     }
 }
 

@@ -16,8 +16,8 @@ use rstar::primitives::GeomWithData;
 use thiserror::Error;
 
 use super::cloud::{Raster, line_normal, thinned};
-use super::frames::{covariance_in_frame, in_frame, turned_by};
-use crate::geometry::{Bounds, Cov3, Pose, Vec2, turned, wrap_angle};
+
+use crate::geometry::{Bounds, Cov3, Pose, Vec2, covariance_in_frame, in_frame, turned, turned_by, wrap_angle};
 use crate::scan::{Evidence, LaserScan, returns_of};
 use crate::spline::Lattice;
 
@@ -341,7 +341,7 @@ fn distinct(a: &Pose, b: &Pose) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::living::inverse;
+    use crate::geometry::inverse;
     use crate::scan::Noise;
     use crate::sim::{Survey, misplaced};
 

@@ -6,10 +6,8 @@
 mod align;
 mod changes;
 mod cloud;
-mod frames;
 mod shown;
 
 pub use align::{Guess, JoinError, aligned, moved};
 pub use changes::{Change, ChangeRole, MOST_PROBABLE, changes};
-pub use frames::{in_frame, inverse};
 pub use shown::{changes_geojson, changes_picture};

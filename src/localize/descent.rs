@@ -86,7 +86,7 @@ impl Agreement {
 }
 
 impl Course {
-    /// Whether its scans were taken there: the first, and where there are several, most of them.
+    /// Whether its scans were taken there: most of them, where there are several.
     pub fn holds(&self) -> bool {
         let least = if self.anywhere { FITS.1 } else { FITS.0 };
         let holds = |fit: &Agreement| fit.used.len() >= LEAST_RETURNS && fit.share() >= least;
@@ -111,34 +111,44 @@ impl<'a> Descent<'a> {
         Ok(Self { map, scans, beams: beams.collect(), motions, informations: informations.collect::<Result<_, _>>()? })
     }
 
-    /// From a start, a pose a scan.
-    pub fn run(&self, mut poses: Vec<Pose>) -> Course {
+    /// From a start, a pose a scan. `go_on` says whether to go on.
+    pub fn run(&self, mut poses: Vec<Pose>, go_on: &dyn Fn() -> bool) -> Result<Course, LocalizeError> {
         let mut settled = false;
         let level = vec![1.0; poses.len()];
         for (scale, steps) in STAGES {
-            settled = self.stage(&mut poses, scale, steps, &level);
+            settled = self.stage(&mut poses, (scale, steps), &level, go_on)?;
         }
         // Returns that scatter more than they should are worth less, beside the prior and the motions.
         let excess: Vec<f64> = self.agreements(&poses, &level).iter().map(|own| own.excess).collect();
         if excess.iter().any(|own| *own > 1.0) {
-            settled = self.stage(&mut poses, 0.0, STAGES[STAGES.len() - 1].1, &excess);
+            settled = self.stage(&mut poses, STAGES[STAGES.len() - 1], &excess, go_on)?;
         }
         let fits = self.agreements(&poses, &excess);
         let mut normal = self.priors(&poses);
         for (k, fit) in fits.iter().enumerate() {
             fit.used.iter().for_each(|used| normal.add(k, used, 0.0));
         }
-        Course { poses, information: normal.information, fits, settled, anywhere: self.scans[0].prior.is_none() }
+        let anywhere = self.scans[0].prior.is_none();
+        Ok(Course { poses, information: normal.information, fits, settled, anywhere })
     }
 
-    fn stage(&self, poses: &mut [Pose], scale: f64, steps: usize, excess: &[f64]) -> bool {
+    fn stage(
+        &self,
+        poses: &mut [Pose],
+        (scale, steps): (f64, usize),
+        excess: &[f64],
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<bool, LocalizeError> {
         let mut longest = f64::INFINITY;
         for _ in 0..steps {
             let mut normal = self.priors(poses);
             for (k, pose) in poses.iter().enumerate() {
+                if !go_on() {
+                    return Err(LocalizeError::Cancelled);
+                }
                 self.add_returns(&mut normal, (k, pose), scale, excess[k]);
             }
-            let Some(factor) = normal.information.cholesky() else { return false };
+            let Some(factor) = normal.information.cholesky() else { return Ok(false) };
             let step = factor.solve(&normal.gradient);
             longest = 0.0;
             for (k, pose) in poses.iter_mut().enumerate() {
@@ -150,7 +160,7 @@ impl<'a> Descent<'a> {
                 break;
             }
         }
-        longest < SETTLED
+        Ok(longest < SETTLED)
     }
 
     fn add_returns(&self, normal: &mut Normal, (k, pose): (usize, &Pose), scale: f64, excess: f64) {

@@ -47,7 +47,10 @@ pub fn ranked(map: &FittedMap, scans: &[Sighted], motions: &[Motion], courses: V
     let best = distinct.first().map_or(0.0, |own| own.0);
     let sum: f64 = distinct.iter().map(|own| (own.0 - best).exp()).sum();
     let share = |(evidence, course): (f64, Course)| (course, (evidence - best).exp() / sum);
-    distinct.into_iter().map(share).filter(|(_, probability)| *probability > LEAST).collect()
+    let mut ranked: Vec<Ranked> = distinct.into_iter().map(share).collect();
+    let probable = ranked.iter().skip(1).take_while(|(_, probability)| *probability > LEAST).count();
+    ranked.truncate(1 + probable);
+    ranked
 }
 
 fn is_same(a: &Pose, b: &Pose) -> bool {

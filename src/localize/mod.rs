@@ -29,6 +29,7 @@ mod search;
 mod shared;
 mod sighting;
 
+use nalgebra::DMatrix;
 use thiserror::Error;
 
 pub use hypotheses::Hypothesis;
@@ -103,10 +104,13 @@ impl<'a> Localizer<'a> {
         go_on: &dyn Fn() -> bool,
     ) -> Result<Vec<Located>, LocalizeError> {
         let mut located = Vec::new();
-        for sighted in scans {
-            let found = self.candidates(sighted, go_on)?;
-            let ranked = ranked(self.map, std::slice::from_ref(sighted), &[], found);
-            located.extend(self.answers(ranked, hypotheses, go_on)?);
+        for some in scans.chunks(AT_ONCE) {
+            let mut courses = Vec::new();
+            for sighted in some {
+                let found = self.candidates(sighted, go_on)?;
+                courses.push(ranked(self.map, std::slice::from_ref(sighted), &[], found));
+            }
+            located.extend(self.answers(&courses, hypotheses, go_on)?);
         }
         Ok(located)
     }
@@ -125,12 +129,9 @@ impl<'a> Localizer<'a> {
         let descent = Descent::new(self.map, scans, motions)?;
         let mut courses = Vec::new();
         for first in self.candidates(&scans[0], go_on)?.into_iter().take(MOST_COURSES) {
-            if !go_on() {
-                return Err(LocalizeError::Cancelled);
-            }
-            courses.push(descent.run(motion::chain(first.poses[0], motions)));
+            courses.push(descent.run(motion::chain(first.poses[0], motions), go_on)?);
         }
-        self.answers(ranked(self.map, scans, motions, courses), hypotheses, go_on)
+        self.answers(&[ranked(self.map, scans, motions, courses)], hypotheses, go_on)
     }
 
     /// Where a scan may have been taken, refined from every start.
@@ -139,45 +140,52 @@ impl<'a> Localizer<'a> {
         let descent = Descent::new(self.map, alone, &[])?;
         let mut found = Vec::new();
         for start in self.ground.starts(sighted) {
-            if !go_on() {
-                return Err(LocalizeError::Cancelled);
-            }
-            found.push(descent.run(vec![start]));
+            found.push(descent.run(vec![start], go_on)?);
         }
         Ok(found)
     }
 }
 
 impl Localizer<'_> {
-    /// A scan each of the most probable course, with as many hypotheses as were asked for.
+    /// The scans of each course, the most probable of those that were found, with as many hypotheses as were asked for.
     fn answers(
         &self,
-        ranked: Vec<Ranked>,
+        found: &[Vec<Ranked>],
         hypotheses: usize,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Vec<Located>, LocalizeError> {
-        let Some((best, _)) = ranked.first() else { return Ok(Vec::new()) };
-        let covariance = match best.settled && best.holds() {
-            true => shared::covariance(self.map, self.joint, self.kind, best, go_on)?,
-            false => None,
-        };
-        let located = best.fits.iter().enumerate().map(|(k, fit)| {
-            let own = covariance.as_ref().map(|all| Cov3::from_fn(|a, b| all[(3 * k + a, 3 * k + b)]));
-            let known = ranked.iter().take(if own.is_some() { hypotheses } else { 0 });
-            let of = |(course, probability): &Ranked| Hypothesis { pose: course.poses[k], probability: *probability };
-            Located {
-                pose: own.map(|_| best.poses[k]),
-                covariance: own,
-                used: fit.used.len(),
-                left_out: fit.left_out,
-                chi_squared: fit.chi_squared,
-                degrees_of_freedom: fit.used.len().saturating_sub(3),
-                hypotheses: known.map(of).collect(),
-            }
-        });
-        Ok(located.collect())
+        let is_somewhere = |ranked: &&[Ranked]| ranked[0].0.settled && ranked[0].0.holds();
+        let found = || found.iter().map(Vec::as_slice).filter(|ranked| !ranked.is_empty());
+        let somewhere: Vec<&Course> = found().filter(is_somewhere).map(|ranked| &ranked[0].0).collect();
+        let mut covariances = shared::covariances(self.map, self.joint, self.kind, &somewhere, go_on)?.into_iter();
+        let mut located = Vec::new();
+        for ranked in found() {
+            let covariance = if is_somewhere(&ranked) { covariances.next().flatten() } else { None };
+            located.extend((0..ranked[0].0.poses.len()).map(|k| answer(ranked, k, covariance.as_ref(), hypotheses)));
+        }
+        Ok(located)
     }
 }
 
+/// What is said of a scan of the most probable course; `covariance` is of all its scans, and `None` where it is nowhere.
+fn answer(ranked: &[Ranked], scan: usize, covariance: Option<&DMatrix<f64>>, hypotheses: usize) -> Located {
+    let (best, _) = &ranked[0];
+    let fit = &best.fits[scan];
+    let own = covariance.map(|all| Cov3::from_fn(|a, b| all[(3 * scan + a, 3 * scan + b)]));
+    let known = ranked.iter().take(if own.is_some() { hypotheses } else { 0 });
+    let of = |(course, probability): &Ranked| Hypothesis { pose: course.poses[scan], probability: *probability };
+    Located {
+        pose: own.map(|_| best.poses[scan]),
+        covariance: own,
+        used: fit.used.len(),
+        left_out: fit.left_out,
+        chi_squared: fit.chi_squared,
+        degrees_of_freedom: fit.used.len().saturating_sub(3),
+        hypotheses: known.map(of).collect(),
+    }
+}
+
+/// Scans whose covariances are formed together: the map's factor is read once for them.
+pub const AT_ONCE: usize = 8;
 /// Courses of a trajectory that are followed to its end.
 const MOST_COURSES: usize = 12;

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::LocalizeError;
-use crate::geometry::{Cov3, Pose, Vec2, wrap_angle};
+use crate::geometry::{Cov3, Pose, in_frame, turned_by, wrap_angle};
 
 /// A motion in the frame of the scan before.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,8 +15,8 @@ pub struct Motion {
 impl Motion {
     /// Where it leads to.
     pub fn from(&self, pose: &Pose) -> Pose {
-        let step = pose.direction(0.0) * self.by.x + pose.direction(std::f64::consts::FRAC_PI_2) * self.by.y;
-        Pose::new(pose.x + step.x, pose.y + step.y, wrap_angle(pose.theta + self.by.theta))
+        let there = in_frame(pose, &self.by);
+        Pose { theta: wrap_angle(there.theta), ..there }
     }
 
     pub(super) fn information(&self, index: usize) -> Result<Cov3, LocalizeError> {
@@ -39,8 +39,7 @@ pub(super) fn chain(first: Pose, motions: &[Motion]) -> Vec<Pose> {
 /// How far two poses are from a motion, and the derivatives by either.
 pub(super) fn misfit(motion: &Motion, before: &Pose, after: &Pose) -> (Vector3<f64>, Matrix3<f64>, Matrix3<f64>) {
     let (sin, cos) = before.theta.sin_cos();
-    let step: Vec2 = after.position() - before.position();
-    let own = Vec2::new(cos * step.x + sin * step.y, -sin * step.x + cos * step.y);
+    let own = turned_by(-before.theta, after.position() - before.position());
     let turn = wrap_angle(after.theta - before.theta - motion.by.theta);
     let by_after = Matrix3::new(cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0);
     let by_before = Matrix3::new(-cos, -sin, own.y, sin, -cos, -own.x, 0.0, 0.0, -1.0);

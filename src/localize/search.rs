@@ -77,6 +77,11 @@ impl Ground {
         5 * self.nearness.len()
     }
 
+    fn middle(&self) -> Pose {
+        let at = self.origin + 0.5 * self.step * Vec2::new(self.size[0] as f64, self.size[1] as f64);
+        Pose::new(at.x, at.y, 0.0)
+    }
+
     fn place(&self, k: usize) -> Vec2 {
         let at = |n: usize| (n as f64 + 0.5) * self.step;
         self.origin + Vec2::new(at(k % self.size[0]), at(k / self.size[0]))
@@ -88,11 +93,15 @@ impl Ground {
         inside.then(|| at.x as usize + at.y as usize * self.size[0])
     }
 
-    /// Starts for the descent, the best first.
+    /// Starts for the descent, the best first; there is one at least.
     pub fn starts(&self, sighted: &Sighted) -> Vec<Pose> {
         let returns = returns(sighted);
         match &sighted.prior {
-            None => self.best(self.everywhere(&returns), MOST_STARTS),
+            None => {
+                let best = self.best(self.everywhere(&returns), MOST_STARTS);
+                // Where nothing is free there is nowhere to stand; the middle says as much.
+                if best.is_empty() { vec![self.middle()] } else { best }
+            }
             Some(prior) => {
                 let sigma = Vector3::from_fn(|k, _| prior.covariance[(k, k)].max(0.0).sqrt());
                 if sigma.xy().amax() <= BASIN.0 && sigma.z <= BASIN.1 {

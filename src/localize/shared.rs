@@ -14,27 +14,32 @@ use nalgebra::{DMatrix, DVector};
 
 use super::LocalizeError;
 use super::descent::{Agreement, Course};
-use super::sighting::STRAY;
-use crate::map::FittedMap;
+use crate::map::{FittedMap, STRAY};
 use crate::uncertainty::{Joint, Kind};
 
-/// The covariance of a course's poses, three unknowns a scan; `None` where they are not determined.
-pub fn covariance(
+/// The covariances of courses' poses, three unknowns a scan; `None` where they are not determined. What the map's factor is
+/// read for, it is read for all of them at once.
+pub fn covariances(
     map: &FittedMap,
     joint: &Joint,
     kind: Kind,
-    course: &Course,
+    courses: &[&Course],
     go_on: &dyn Fn() -> bool,
-) -> Result<Option<DMatrix<f64>>, LocalizeError> {
-    let Some(inverse) = course.information.clone().cholesky().map(|factor| factor.inverse()) else { return Ok(None) };
-    let columns = coefficients_by_pose(map, &course.fits);
-    let n = course.information.nrows();
+) -> Result<Vec<Option<DMatrix<f64>>>, LocalizeError> {
+    let columns: Vec<_> = courses.iter().flat_map(|course| coefficients_by_pose(map, &course.fits)).collect();
     let forms = joint.forms(kind, &columns, go_on)?;
-    let mut middle = DMatrix::from_fn(n, n, |a, b| forms[a * n + b]);
     let stray = (STRAY * map.lattice().resolution).powi(2);
-    strays(map, &course.fits).into_values().for_each(|own| middle += &own * own.transpose() * stray);
-    let covariance = &inverse + &inverse * middle * &inverse;
-    Ok(Some(0.5 * (&covariance + covariance.transpose())))
+    let mut first = 0;
+    let own = |course: &&Course| {
+        let n = course.information.nrows();
+        let mut middle = DMatrix::from_fn(n, n, |a, b| forms[(first + a) * columns.len() + first + b]);
+        first += n;
+        let inverse = course.information.clone().cholesky()?.inverse();
+        strays(map, &course.fits).into_values().for_each(|own| middle += &own * own.transpose() * stray);
+        let covariance = &inverse + &inverse * middle * &inverse;
+        Some(0.5 * (&covariance + covariance.transpose()))
+    };
+    Ok(courses.iter().map(own).collect())
 }
 
 /// `M^T`, by pose unknowns: the coefficients' shares, ascending.

@@ -6,13 +6,10 @@
 
 use crate::fit::Distance;
 use crate::geometry::{Pose, Vec2, projection_by_pose};
-use crate::map::FittedMap;
+use crate::map::{FittedMap, STRAY};
 use crate::spline::SUPPORT;
 use nalgebra::Vector3;
 
-/// How far a surface strays from the spline, as a share of a cell: once every return's own, once what the returns of a cell
-/// have in common (`shared`).
-pub const STRAY: f64 = 0.03;
 /// A slope below this is no distance's: the cut locus, or the inside of a wall.
 const LEAST_SLOPE: f64 = 0.3;
 

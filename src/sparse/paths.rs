@@ -55,6 +55,20 @@ impl Paths {
         8 * (self.cholesky.fill() + self.derivative.len() + 4 * self.cholesky.dimension())
     }
 
+    /// Bytes that forms of so many columns hold while they are formed, at most: as if their paths were all of the tree.
+    pub fn most_bytes(&self, columns: usize) -> usize {
+        bytes(self.cholesky.dimension(), columns)
+    }
+
+    /// Bytes that these forms hold while they are formed.
+    pub fn forming_bytes<C: AsRef<[(usize, f64)]>>(&self, columns: &[C]) -> Result<usize, SparseError> {
+        let (factor, inverse) = self.cholesky.supernodes()?;
+        let symbolic = factor.symbolic();
+        let owner = &Panels::holding(symbolic, &self.derivative).owner;
+        let entries: Vec<Entry> = columns.iter().enumerate().flat_map(|(k, own)| entries(k, own, inverse)).collect();
+        Ok(bytes(Walk::of(symbolic, owner, &entries).rows, columns.len()))
+    }
+
     /// The forms `E^T H^-1 E`, or those of the sandwich, of columns `E` of few unknowns each, in their order. `go_on` says
     /// whether to go on.
     pub fn forms<C: AsRef<[(usize, f64)]>>(
@@ -69,14 +83,8 @@ impl Paths {
         let first = |column: &C| column.as_ref().iter().map(|(unknown, _)| inverse[*unknown]).min();
         let mut order: Vec<usize> = (0..columns.len()).collect();
         order.sort_by_key(|&k| first(&columns[k]));
-        let entries: Vec<Entry> = order
-            .iter()
-            .enumerate()
-            .flat_map(|(column, &k)| {
-                let own = columns[k].as_ref().iter();
-                own.map(move |&(unknown, value)| Entry { column, step: inverse[unknown], value })
-            })
-            .collect();
+        let entries: Vec<Entry> =
+            order.iter().enumerate().flat_map(|(column, &k)| entries(column, &columns[k], inverse)).collect();
         let walk = Walk::of(symbolic, &derivative.owner, &entries);
         let mut sides = Sides::start(&walk, columns.len(), &entries);
         for visit in &walk.visits {
@@ -109,6 +117,19 @@ struct Entry {
     /// When its unknown is eliminated.
     step: usize,
     value: f64,
+}
+
+fn entries<'a, C: AsRef<[(usize, f64)]>>(
+    column: usize,
+    own: &'a C,
+    inverse: &'a [usize],
+) -> impl Iterator<Item = Entry> + 'a {
+    own.as_ref().iter().map(move |&(unknown, value)| Entry { column, step: inverse[unknown], value })
+}
+
+/// Both sides on so many rows, and the sum as it is formed, put back in order and handed on.
+fn bytes(rows: usize, columns: usize) -> usize {
+    8 * columns * (2 * rows + 3 * columns)
 }
 
 /// A supernode on a path: where its rows lie among all paths' rows, and which columns may not be zero there.

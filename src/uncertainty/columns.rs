@@ -10,11 +10,6 @@ pub struct CompressedColumns {
 }
 
 impl CompressedColumns {
-    /// Bytes it holds in memory.
-    pub fn held_bytes(&self) -> usize {
-        8 * (self.starts.len() + self.indices.len() + self.values.len())
-    }
-
     pub fn new(rows: usize) -> Self {
         Self { rows, starts: vec![0], indices: Vec::new(), values: Vec::new() }
     }

@@ -58,11 +58,6 @@ impl Factors {
         Ok(Self { system: estimate.system.clone(), poses: estimate.weights.poses, prior: estimate.prior(), inputs })
     }
 
-    /// Bytes it holds in memory, about.
-    pub fn held_bytes(&self) -> usize {
-        8 * self.system.hessian.values().len() + 24 * self.system.gradient.len() + self.inputs.held_bytes()
-    }
-
     /// The number of coefficients: control points x components.
     pub fn coefficients(&self) -> usize {
         self.system.hessian.pattern().coefficients()

@@ -38,11 +38,20 @@ impl Joint {
         self.paths.held_bytes() + self.modes.held_bytes()
     }
 
+    /// Bytes that [`Joint::block`] holds while it forms one.
+    pub fn block_bytes(&self, points: &[usize]) -> Result<usize, UncertaintyError> {
+        Ok(self.paths.forming_bytes(&units(points))?)
+    }
+
+    /// Bytes that [`Joint::forms`] holds while it forms so many, at most.
+    pub fn most_bytes(&self, columns: usize) -> usize {
+        self.paths.most_bytes(columns)
+    }
+
     /// The covariance between coefficients (by their index, x set before y set), each named once: row-major, square
     /// metres. `go_on` says whether to go on.
     pub fn block(&self, kind: Kind, points: &[usize], go_on: &dyn Fn() -> bool) -> Result<Vec<f64>, UncertaintyError> {
-        let columns: Vec<[(usize, f64); 1]> = points.iter().map(|&point| [(point, 1.0)]).collect();
-        self.forms(kind, &columns, go_on)
+        self.forms(kind, &units(points), go_on)
     }
 
     /// The covariance between weighted sums of coefficients, (index, weight) each: row-major. `go_on` says whether to go on.
@@ -61,4 +70,9 @@ impl Joint {
         let m = columns.len();
         Ok((0..m * m).map(|k| factor * pinned[(k / m, k % m)] + moved[(k / m, k % m)]).collect())
     }
+}
+
+/// Every coefficient by itself.
+fn units(points: &[usize]) -> Vec<[(usize, f64); 1]> {
+    points.iter().map(|&point| [(point, 1.0)]).collect()
 }

@@ -28,11 +28,11 @@ use crate::jobs::Limits;
 use crate::store::{Artifacts, Claim, Records, Terms};
 
 pub use attempt::fit_request;
-pub use memory::of_this_machine;
+pub use memory::{Reserved, of_this_machine};
 pub use metrics::Metrics;
 pub use rules::Rules;
 
-use memory::{Memory, Reserved};
+use memory::Memory;
 
 /// How long an idle solver waits before it looks for work that nobody told it of.
 const IDLE: Duration = Duration::from_millis(500);

@@ -1,5 +1,7 @@
 //! Where scans were taken, on a map.
 
+use std::sync::Arc;
+
 use axum::body::Body;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, Uri};
@@ -16,8 +18,10 @@ use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused, to_json};
 use crate::http::shared::{AppState, Caller};
 use crate::jobs::Sightings;
-use crate::localize::{Ground, Hypothesis, LocalizeError, Localizer, Located};
-use crate::uncertainty::{Kind, UncertaintyError};
+use crate::localize::{AT_ONCE, Ground, Hypothesis, LocalizeError, Localizer, Located};
+use crate::map::FittedMap;
+use crate::uncertainty::{Joint, Kind, UncertaintyError};
+use crate::worker::Reserved;
 
 /// A job's scan, whose pose is what is known of it beforehand; null is anywhere on the map.
 #[derive(Deserialize, ToSchema)]
@@ -134,17 +138,16 @@ pub async fn localize_scans(
     let map = state.load(&record).await?;
     let joint = joint(&state, &caller, &record).await?;
     let kept = state.clone();
+    // What takes seconds waits for its like, so that nobody who asks a little waits for it.
+    let queue = if asked.is_light() { Queue::Answers } else { Queue::Heavy };
     let find = move |leash: &Leash| {
-        let ground = match kept.grounds.get(&record.id) {
-            Some(ground) => ground,
-            None => {
-                let formed = std::sync::Arc::new(Ground::of(&map));
-                kept.grounds.keep(&record.id, formed.clone(), formed.held_bytes());
-                formed
-            }
-        };
-        let localizer = Localizer::new(&map, &ground, &joint, asked.kind);
         let go_on = || leash.holds();
+        let _held = match queue {
+            Queue::Heavy => Some(reserved(&kept, &joint, &asked, &go_on)?),
+            _ => None,
+        };
+        let ground = ground(&kept, &record.id, &map);
+        let localizer = Localizer::new(&map, &ground, &joint, asked.kind);
         let located = match &asked.motions {
             None => localizer.each(&asked.scans, asked.hypotheses, &go_on),
             Some(motions) => localizer.along(&asked.scans, motions, asked.hypotheses, &go_on),
@@ -152,9 +155,29 @@ pub async fn localize_scans(
         let poses = located.map_err(refused)?.into_iter().map(LocatedBody::of).collect();
         to_json(&LocalizationBody { poses })
     };
-    let body = state.compute.run(Queue::Answers, find).await?;
+    let body = state.compute.run(queue, find).await?;
     let body = state.answers.take(body.len())?.body(body);
     Ok(([("content-type", JSON.media)], body).into_response())
+}
+
+/// The memory that a long question takes, from what fits share.
+fn reserved<'a>(
+    state: &'a AppState,
+    joint: &Joint,
+    asked: &Sightings,
+    go_on: &dyn Fn() -> bool,
+) -> Result<Reserved<'a>, Problem> {
+    let together = if asked.motions.is_some() { asked.scans.len() } else { AT_ONCE };
+    state.workshop.reserve(joint.most_bytes(3 * together) as u64, go_on).ok_or_else(too_slow)
+}
+
+/// The raster of a map, kept or formed now.
+fn ground(state: &AppState, id: &str, map: &FittedMap) -> Arc<Ground> {
+    state.grounds.get(id).unwrap_or_else(|| {
+        let formed = Arc::new(Ground::of(map));
+        state.grounds.keep(id, formed.clone(), formed.held_bytes());
+        formed
+    })
 }
 
 fn refused(error: LocalizeError) -> Problem {
