@@ -13,6 +13,7 @@ mod reader;
 pub mod record;
 pub mod request;
 mod retention;
+mod scans;
 mod sightings;
 mod stored;
 mod update;

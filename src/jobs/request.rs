@@ -4,7 +4,6 @@
 //! be fitted. A member that this version does not know is a fault, so that a client learns of its typing errors.
 
 use std::collections::BTreeMap;
-use std::f64::consts::TAU;
 
 use thiserror::Error;
 
@@ -13,7 +12,7 @@ use super::frames::Joined;
 use super::limits::{Fault, Limits};
 use super::reader::{FARTHEST, Reader};
 use crate::fit::{self, Distance, Estimate, FitOptions, Footprint, Poses, Weighting};
-use crate::geometry::{Bounds, Cov3, Pose, Vec2, psd_square_root};
+use crate::geometry::{Bounds, Pose, Vec2};
 use crate::map::{self, Cost, FittedMap, Survey, SurveyError};
 use crate::scan::{LaserScan, Noise, returns_of};
 use crate::spline::{Lattice, LatticeError};
@@ -56,9 +55,6 @@ pub struct Area {
     pub margin: f64,
 }
 
-/// Standard deviations outside this cannot be squared into anything useful.
-const SIGMAS: (f64, f64) = (1e-6, 1e3);
-
 impl JobRequest {
     /// The fit's end, found again; `map` is this request's.
     pub fn resume(&self, map: &FittedMap) -> Result<Estimate, SurveyError> {
@@ -87,21 +83,23 @@ impl JobRequest {
         Some((footprint, map::cost(self.distance, &footprint)))
     }
 
-    /// What the map takes at most: as if all of the lattice were in use, and every beam had a return.
-    pub fn most(&self) -> Cost {
+    /// What the map takes at most: as if all of the lattice were in use, every beam had a return, and the factor had so many
+    /// entries between poses.
+    fn most(&self, pose_entries: usize) -> Cost {
         let returns = self.scans.iter().map(|scan| scan.ranges.len()).sum();
-        let scans = self.scans.len();
-        let pose_entries = fit::pose_entries(&self.scans, self.distance, &self.lattice);
-        let most = Footprint { control_points: self.lattice.len(), scans, returns, pose_entries };
-        map::cost(self.distance, &most)
+        let (control_points, scans) = (self.lattice.len(), self.scans.len());
+        map::cost(self.distance, &Footprint { control_points, scans, returns, pose_entries })
     }
 
-    /// The memory that the fit needs, bytes, where that is more than so much; the exact size is found only where the
-    /// bound on it does not tell.
+    /// The memory that the fit needs, bytes, where that is more than so much. More is found out only where what is known does
+    /// not tell: first it is as if every scan saw all others' surroundings, then where they look counts, then what they pass.
     pub fn outgrows(&self, bytes: u64, goes_on: &dyn Fn() -> bool) -> Option<f64> {
-        let fits = self.most().bytes <= bytes as f64;
-        let need = if fits { None } else { self.cost(goes_on).map(|(_, cost)| cost.bytes) };
-        need.filter(|need| *need > bytes as f64)
+        let fits = |cost: Cost| cost.bytes <= bytes as f64;
+        let all = (3 * self.scans.len()).pow(2) / 2;
+        if fits(self.most(all)) || fits(self.most(fit::pose_entries(&self.scans, self.distance, &self.lattice))) {
+            return None;
+        }
+        self.cost(goes_on).map(|(_, cost)| cost.bytes).filter(|need| *need > bytes as f64)
     }
 
     /// Reads and validates a request.
@@ -198,127 +196,6 @@ impl Reader<'_> {
             Err(LatticeError::Bounds) => self.fault("/map/bounds", "the map's area is empty; give a margin or bounds"),
             Err(error @ LatticeError::Resolution(_)) => self.fault("/map/resolution", error.to_string()),
         }
-    }
-
-    fn scans(&mut self, node: &Node, at: &str) -> Option<Vec<LaserScan>> {
-        match node {
-            Node::Array(scans) if scans.len() > self.limits.scans => {
-                self.fault(at, format!("{} scans; the limit is {}", scans.len(), self.limits.scans))
-            }
-            Node::Array(scans) => {
-                let read: Vec<Option<LaserScan>> =
-                    scans.iter().enumerate().map(|(k, scan)| self.scan(scan, &format!("{at}/{k}"))).collect();
-                read.into_iter().collect()
-            }
-            Node::Numbers(none) if none.is_empty() => self.fault(at, "at least one scan is needed"),
-            Node::Numbers(_) => self.fault(at, "a scan is an object"),
-            other => self.fault(at, format!("must be an array of scans, not {}", other.kind())),
-        }
-    }
-
-    fn scan(&mut self, node: &Node, at: &str) -> Option<LaserScan> {
-        self.scan_from(node, at, Self::pose)
-    }
-
-    /// A scan whose pose is read like this.
-    pub(super) fn scan_from(
-        &mut self,
-        node: &Node,
-        at: &str,
-        pose: impl FnOnce(&mut Self, &Node, &str) -> Option<Pose>,
-    ) -> Option<LaserScan> {
-        if !matches!(node, Node::Object(_)) {
-            return self.fault(at, format!("a scan is an object, not {}", node.kind()));
-        }
-        let names = ["pose", "pose_covariance", "angle_min", "angle_increment", "range_min", "range_max", "ranges"];
-        self.known(node, at, &names);
-        let pose = self.required(node, at, "pose", pose);
-        let pose_covariance = self.optional(node, at, "pose_covariance", Self::covariance);
-        let angle_min = self.required(node, at, "angle_min", |r, n, p| r.number(n, p, -1e3, 1e3));
-        let angle_increment = self.required(node, at, "angle_increment", |r, n, p| r.number(n, p, -TAU, TAU));
-        let range_min = self.required(node, at, "range_min", |r, n, p| r.number(n, p, 0.0, FARTHEST));
-        let range_max = self.required(node, at, "range_max", |r, n, p| r.number(n, p, 0.0, FARTHEST));
-        let ranges = self.required(node, at, "ranges", Self::ranges);
-        if let (Some(low), Some(high)) = (range_min, range_max)
-            && low >= high
-        {
-            self.fault::<()>(&format!("{at}/range_max"), "must be greater than range_min");
-        }
-        if let (Some(increment), Some(ranges)) = (angle_increment, &ranges)
-            && ranges.len() > 1
-        {
-            if increment == 0.0 {
-                self.fault::<()>(&format!("{at}/angle_increment"), "must not be zero");
-            } else if (ranges.len() - 1) as f64 * increment.abs() > TAU * (1.0 + 1e-6) {
-                let detail = format!("{} beams at this increment span more than one turn", ranges.len());
-                self.fault::<()>(&format!("{at}/angle_increment"), detail);
-            }
-        }
-        Some(LaserScan {
-            pose: pose?,
-            pose_covariance: pose_covariance?,
-            sigma_range: None,
-            frame: 0,
-            angle_min: angle_min?,
-            angle_increment: angle_increment?,
-            range_min: range_min?,
-            range_max: range_max?,
-            ranges: ranges?,
-        })
-    }
-
-    fn ranges(&mut self, node: &Node, at: &str) -> Option<Vec<f64>> {
-        match node {
-            Node::Numbers(ranges) if ranges.is_empty() => self.fault(at, "a scan has at least one beam"),
-            Node::Numbers(ranges) if ranges.len() > self.limits.beams_a_scan => {
-                self.fault(at, format!("{} beams; the limit is {}", ranges.len(), self.limits.beams_a_scan))
-            }
-            Node::Numbers(ranges) => Some(ranges.clone()),
-            Node::Array(entries) if entries.len() > self.limits.beams_a_scan => {
-                self.fault(at, format!("{} beams; the limit is {}", entries.len(), self.limits.beams_a_scan))
-            }
-            Node::Array(entries) => {
-                for (k, entry) in entries.iter().enumerate() {
-                    if !matches!(entry, Node::Number(_) | Node::Null) {
-                        let detail = format!("a range is a number or null, not {}", entry.kind());
-                        self.fault::<()>(&format!("{at}/{k}"), detail);
-                    }
-                }
-                None
-            }
-            other => self.fault(at, format!("must be an array of numbers and nulls, not {}", other.kind())),
-        }
-    }
-
-    pub(super) fn pose(&mut self, node: &Node, at: &str) -> Option<Pose> {
-        self.object(node, at, &["x", "y", "theta"])?;
-        let x = self.required(node, at, "x", |r, n, p| r.number(n, p, -FARTHEST, FARTHEST));
-        let y = self.required(node, at, "y", |r, n, p| r.number(n, p, -FARTHEST, FARTHEST));
-        let theta = self.required(node, at, "theta", |r, n, p| r.number(n, p, -FARTHEST, FARTHEST));
-        Some(Pose::new(x?, y?, theta?))
-    }
-
-    pub(super) fn covariance(&mut self, node: &Node, at: &str) -> Option<Cov3> {
-        let entries = self.numbers(node, at, 9)?;
-        let c = Cov3::from_row_slice(&entries);
-        let largest = c.amax();
-        if largest > SIGMAS.1 * SIGMAS.1 {
-            return self.fault(at, format!("variances must not exceed {:e}", SIGMAS.1 * SIGMAS.1));
-        }
-        if (c - c.transpose()).amax() > 1e-9 * largest {
-            return self.fault(at, "must be symmetric");
-        }
-        if psd_square_root(&c).is_none() {
-            return self.fault(at, "must be positive semi-definite");
-        }
-        Some((c + c.transpose()) * 0.5)
-    }
-
-    pub(super) fn noise(&mut self, node: &Node, at: &str) -> Option<Noise> {
-        self.object(node, at, &["sigma_x", "sigma_y", "sigma_theta", "sigma_range"])?;
-        let mut sigma = |name| self.required(node, at, name, |r, n, p| r.positive(n, p, SIGMAS.0, SIGMAS.1));
-        let (x, y, theta, range) = (sigma("sigma_x"), sigma("sigma_y"), sigma("sigma_theta"), sigma("sigma_range"));
-        Some(Noise { sigma_x: x?, sigma_y: y?, sigma_theta: theta?, sigma_range: range? })
     }
 
     fn map(&mut self, node: &Node, at: &str) -> Option<MapPart> {
