@@ -83,20 +83,25 @@ impl JobRequest {
         Some((footprint, map::cost(self.distance, &footprint)))
     }
 
-    /// What the map takes at most: as if all of the lattice were in use, every beam had a return, and the factor had so many
-    /// entries between poses.
-    fn most(&self, pose_entries: usize) -> Cost {
+    /// What the map takes at most: as if all of the lattice were in use, every beam had a return, and every scan saw all others'
+    /// surroundings.
+    pub fn most(&self) -> Cost {
+        self.most_with((3 * self.scans.len()).pow(2) / 2)
+    }
+
+    /// The same with so many entries of the factor between poses.
+    fn most_with(&self, pose_entries: usize) -> Cost {
         let returns = self.scans.iter().map(|scan| scan.ranges.len()).sum();
         let (control_points, scans) = (self.lattice.len(), self.scans.len());
         map::cost(self.distance, &Footprint { control_points, scans, returns, pose_entries })
     }
 
     /// The memory that the fit needs, bytes, where that is more than so much. More is found out only where what is known does
-    /// not tell: first it is as if every scan saw all others' surroundings, then where they look counts, then what they pass.
+    /// not tell: where scans look, then what their beams pass.
     pub fn outgrows(&self, bytes: u64, goes_on: &dyn Fn() -> bool) -> Option<f64> {
         let fits = |cost: Cost| cost.bytes <= bytes as f64;
-        let all = (3 * self.scans.len()).pow(2) / 2;
-        if fits(self.most(all)) || fits(self.most(fit::pose_entries(&self.scans, self.distance, &self.lattice))) {
+        let looked = || self.most_with(fit::pose_entries(&self.scans, self.distance, &self.lattice));
+        if fits(self.most()) || fits(looked()) {
             return None;
         }
         self.cost(goes_on).map(|(_, cost)| cost.bytes).filter(|need| *need > bytes as f64)

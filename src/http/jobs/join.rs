@@ -51,10 +51,7 @@ pub async fn join_maps(
 ) -> Result<Response, Problem> {
     let mut params = Params::of(&uri);
     let dry_run = params.choice("dry_run", &[("false", false), ("true", true)]);
-    if let Err(problem) = params.finish() {
-        state.discard(body);
-        return Err(problem);
-    }
+    let ((), body) = state.before(params.finish(), body)?;
     let received = state.read_body(&headers, body, &[JSON.media]).await?;
     let key = idempotency_key(&headers)?;
     let (limits, quota, budget) = (state.workshop.limits, state.limits.quota, state.workshop.rules.memory);

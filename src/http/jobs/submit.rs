@@ -56,10 +56,7 @@ pub async fn submit_job(
 ) -> Result<Response, Problem> {
     let mut params = Params::of(&uri);
     let dry_run = params.choice("dry_run", &[("false", false), ("true", true)]);
-    if let Err(problem) = params.finish() {
-        state.discard(body);
-        return Err(problem);
-    }
+    let ((), body) = state.before(params.finish(), body)?;
     let received = state.read_body(&headers, body, &[JSON.media, MULTIPART]).await?;
     let reading = Reading {
         boundary: (received.media == MULTIPART).then(|| multipart::boundary(&headers)).transpose()?,

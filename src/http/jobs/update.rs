@@ -53,17 +53,8 @@ pub async fn update_map(
 ) -> Result<Response, Problem> {
     let mut params = Params::of(&uri);
     let dry_run = params.choice("dry_run", &[("false", false), ("true", true)]);
-    let parent = match params.finish() {
-        Ok(()) => parent(&state, &caller, &id).await,
-        Err(problem) => Err(problem),
-    };
-    let (record, packed) = match parent {
-        Ok(parent) => parent,
-        Err(problem) => {
-            state.discard(body);
-            return Err(problem);
-        }
-    };
+    let ((), body) = state.before(params.finish(), body)?;
+    let ((record, packed), body) = state.before(parent(&state, &caller, &id).await, body)?;
     let received = state.read_body(&headers, body, &[JSON.media]).await?;
     let key = idempotency_key(&headers)?;
     let (limits, quota, budget) = (state.workshop.limits, state.limits.quota, state.workshop.rules.memory);

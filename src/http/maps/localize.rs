@@ -121,17 +121,10 @@ pub async fn localize_scans(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    let record = match state.map_record(&caller, &id).await {
-        Ok(record) => record,
-        Err(problem) => {
-            state.discard(body);
-            return Err(problem);
-        }
-    };
-    let received = state.read_body(&headers, body, &[JSON.media]).await?;
+    let (record, body) = state.before(state.map_record(&caller, &id).await, body)?;
     let mut params = Params::of(&uri);
-    negotiate(&headers, &mut params, &[JSON])?;
-    params.finish()?;
+    let ((), body) = state.before(negotiate(&headers, &mut params, &[JSON]).and_then(|_| params.finish()), body)?;
+    let received = state.read_body(&headers, body, &[JSON.media]).await?;
     let limits = state.workshop.limits;
     let read = move |_: &Leash| Ok(Sightings::parse(&received.unpack()?, &limits)?);
     let asked = state.compute.run(Queue::Requests, read).await?;

@@ -89,22 +89,28 @@ impl Service {
         &self,
         limit: usize,
         headers: &HeaderMap,
-        mut body: Body,
+        body: Body,
         known: &[&'static str],
     ) -> Result<Received, Problem> {
         let length = if announced(headers) > limit as u64 { Err(too_large(limit)) } else { Ok(()) };
         let checked = length.and_then(|()| Ok((media_type(headers, known)?, encoding(headers)?)));
-        let (media, encoding) = checked.inspect_err(|_| self.discard(std::mem::take(&mut body)))?;
+        let ((media, encoding), body) = self.before(checked, body)?;
         let mut share = self.bodies.none();
         let raw = receive(body, limit, &mut |bytes| self.bodies.grow(&mut share, bytes)).await?;
         Ok(Received { raw, encoding, limit, media, _share: share })
     }
 
-    /// Throws away a body that will not be read: the answer goes out at once, and the client, which may still be sending,
-    /// sees it.
-    pub fn discard(&self, body: Body) {
-        let limit = self.limits.body;
-        tokio::spawn(async move { receive(body, limit, &mut |_| false).await.map(drop) });
+    /// What was found out before a body is read, and the body. One that will not be read is thrown away: the answer goes out
+    /// at once, and the client, which may still be sending, sees it.
+    pub fn before<T>(&self, outcome: Result<T, Problem>, body: Body) -> Result<(T, Body), Problem> {
+        match outcome {
+            Ok(found) => Ok((found, body)),
+            Err(problem) => {
+                let limit = self.limits.body;
+                tokio::spawn(async move { receive(body, limit, &mut |_| false).await.map(drop) });
+                Err(problem)
+            }
+        }
     }
 }
 

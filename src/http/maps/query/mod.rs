@@ -91,13 +91,7 @@ pub async fn query_map(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    let record = match state.map_record(&caller, &id).await {
-        Ok(record) => record,
-        Err(problem) => {
-            state.discard(body);
-            return Err(problem);
-        }
-    };
+    let (record, body) = state.before(state.map_record(&caller, &id).await, body)?;
     let received = state.read_body(&headers, body, &[JSON.media, NPY]).await?;
     let mut params = Params::of(&uri);
     let format = negotiate(&headers, &mut params, &[JSON, NPZ])?;
