@@ -23,14 +23,17 @@ struct Cramped {
 
 impl Cramped {
     fn start(mounted: &Path) -> Self {
-        // A mount namespace of its own: the disk goes with the server, whatever becomes of the test.
+        // A mount namespace of its own: the disk goes with the server, whatever becomes of the test. Who may mount already
+        // needs no user namespace, which some machines forbid.
         let mut command = Command::new("unshare");
         let script = format!(
             "mount -t tmpfs -o size={MEGABYTES}m tmpfs '{0}' && exec '{1}' serve --listen 127.0.0.1:0 --workers 1 --data '{0}/data'",
             mounted.display(),
             env!("CARGO_BIN_EXE_mapfit"),
         );
-        command.args(["--user", "--map-root-user", "--mount", "sh", "-c", &script]);
+        let is_root = std::fs::metadata("/proc/self").is_ok_and(|own| std::os::unix::fs::MetadataExt::uid(&own) == 0);
+        let user: &[&str] = if is_root { &[] } else { &["--user", "--map-root-user"] };
+        command.args(user).args(["--mount", "sh", "-c", &script]);
         let server = Server::start_command(command);
         let disk = PathBuf::from(format!("/proc/{}/root{}", server.child.id(), mounted.display()));
         Self { server, disk }

@@ -2,6 +2,8 @@
 
 mod support;
 
+use std::process::Command;
+
 use mapfit::fit::Distance;
 use mapfit::geometry::{Cov3, Pose, wrap_angle};
 use mapfit::import::{Selection, parse_carmen, to_request};
@@ -189,6 +191,36 @@ fn held_out_scans_of_a_real_log_are_located_over_http() {
     assert!(believed * 20 <= elsewhere.len(), "{believed} of {} scans of another building believed", elsewhere.len());
     let lost = strangers["poses"].as_array().unwrap().iter().find(|own| own["converged"] == false).unwrap();
     assert!(lost["pose"].is_null() && lost["covariance"].is_null());
+}
+
+/// `mapfit localize`: a line of JSON a scan, a plot beside, and an exit code that tells of scans that fit nowhere.
+#[test]
+fn the_command_line_locates_a_logs_scans_and_draws_them() {
+    let Some(folder) = shared_data("the_command_line_locates_a_logs_scans_and_draws_them") else { return };
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 2);
+    let taken = log("seattle", 3).unwrap();
+    let map = server.map_of(&to_request(&taken, &NOISE, Some("seattle"), ("vdf", 0.25)));
+    let plot = data.path().join("way.png");
+    let localize = |map: &str, more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mapfit"));
+        command.args(["localize", map]).arg(folder.join("seattle.flaser.log.gz")).args(["--url", &server.url]);
+        command.args(["--every", "12", "--sigma-xy", "0.1"]).args(more).env_remove("MAPFIT_DATA").output().unwrap()
+    };
+    let output = localize(&map, &["--json", "--plot", plot.to_str().unwrap()]);
+    let said = String::from_utf8_lossy(&output.stdout);
+    let lines: Vec<Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let nowhere = lines.iter().filter(|line| line["converged"] == false).count();
+    assert_eq!(output.status.code(), Some(i32::from(nowhere > 0)), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(lines.len() == taken.len().div_ceil(4) && nowhere <= 1, "{nowhere} of {} nowhere", lines.len());
+    let mut picture = png::Decoder::new(std::io::Cursor::new(std::fs::read(&plot).unwrap())).read_info().unwrap();
+    let mut pixels = vec![0; picture.output_buffer_size().unwrap()];
+    let (wide, size) = (picture.info().width, picture.next_frame(&mut pixels).unwrap().color_type.samples());
+    let red = pixels.chunks(size).filter(|p| p[0] > 180 && p[1] < 190 && p[2] < 190).count();
+    assert!(wide >= 1200 && red > 100, "no ellipse is drawn: {red} red pixels of {wide} columns");
+    let table = localize(&map, &[]);
+    assert!(String::from_utf8_lossy(&table.stdout).contains("agreeing"));
+    assert_eq!(localize("none", &[]).status.code(), Some(1), "there is no such map");
 }
 
 #[test]

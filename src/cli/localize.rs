@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use super::CliError;
 use super::client::{Client, Remote};
 use super::request::{JobOptions, LogOptions, ON_DISK, job_of};
+use super::resources::encoded;
 use crate::geometry::{Bounds, Cov2, Vec2};
 use crate::render::{Axes, Figure, svg_to_png};
 
@@ -61,7 +62,7 @@ impl Localize {
             summary(&located);
         }
         if let Some(file) = &self.plot {
-            let contour = client.get_json(&format!("/v1/maps/{}/contours", self.map))?;
+            let contour = client.get_json(&format!("/v1/maps/{}/contours", encoded(&self.map)))?;
             let svg = plot(&contour, &located);
             let bytes = if file.extension().is_some_and(|e| e == "svg") { svg.into_bytes() } else { svg_to_png(&svg)? };
             std::fs::write(file, bytes).map_err(CliError::io(file.display().to_string()))?;
@@ -81,7 +82,7 @@ impl Localize {
         let mut located = Vec::new();
         for some in scans.chunks(AT_ONCE) {
             let body = json!({"scans": some, "noise": job["noise"], "hypotheses": self.hypotheses});
-            let answer = client.send_json("POST", &format!("/v1/maps/{}/localize", self.map), Some(&body))?;
+            let answer = client.send_json("POST", &format!("/v1/maps/{}/localize", encoded(&self.map)), Some(&body))?;
             located.extend(answer["poses"].as_array().cloned().unwrap_or_default());
             bar.set_position(located.len() as u64);
         }
