@@ -10,7 +10,7 @@
 
 use std::time::Instant;
 
-use mapfit::fit::Distance;
+use mapfit::fit::{Distance, FitOptions, Poses};
 use mapfit::geometry::{Cov3, Pose, wrap_angle};
 use mapfit::import::{Selection, parse_carmen};
 use mapfit::localize::{Ground, Localizer, Located, Motion, Prior, Sighted};
@@ -32,7 +32,9 @@ struct House {
 }
 
 fn house(scans: &[LaserScan], noise: Noise, distance: Distance) -> House {
-    let survey = Survey::new(scans, noise).distance(distance);
+    let fixed = std::env::args().any(|own| own == "--fixed").then_some(Poses::Fixed);
+    let options = FitOptions { poses: fixed, ..FitOptions::default() };
+    let survey = Survey::new(scans, noise).distance(distance).options(options);
     let map = survey.map().unwrap();
     let began = Instant::now();
     let ground = Ground::of(&map);

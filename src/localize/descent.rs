@@ -8,13 +8,14 @@
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::motion::{Motion, misfit};
-use super::sighting::{Beam, Sighting};
+use super::sighting::{Beam, Met, Sighting};
 use super::{LocalizeError, Sighted};
 use crate::geometry::{Cov3, Pose, wrap_angle};
 use crate::map::FittedMap;
 
 /// By stage: the scale, metres, and steps at most.
-const STAGES: [(f64, usize); 5] = [(0.5, 4), (0.2, 4), (0.08, 4), (0.03, 4), (0.0, 12)];
+const APPROACH: [(f64, usize); 4] = [(0.5, 4), (0.2, 4), (0.08, 4), (0.03, 4)];
+const LAST: (f64, usize) = (0.0, 24);
 /// `BULK`: residuals within three sigmas count nearly whole.
 const BULK: f64 = 9.0;
 /// A return farther off than so many sigmas does not agree with the map.
@@ -29,6 +30,15 @@ const LONGEST_STEP: (f64, f64) = (0.3, 0.15);
 /// last steps need not shrink: below the second number the descent has settled all the same.
 const STILL: f64 = 1e-6;
 const SETTLED: f64 = 2e-3;
+/// A coarse stage ends where steps are shorter than this share of its scale.
+const COARSELY: f64 = 0.02;
+/// What beams meet is looked for anew after a motion of this share of the scale, or of the second number, metres.
+const STALE: f64 = 0.25;
+const FINE: f64 = 0.04;
+/// The first scale is at most so many times how far a prior's sigma moves returns.
+const WIDE: f64 = 2.0;
+/// What a turn moves is taken to be so far away, metres.
+const ARM: f64 = 5.0;
 /// A scan of which something is known beforehand fits where it agrees this well with the map, one from nowhere where this
 /// well: all 46 of Intel's held-out scans and all 8 of Seattle's do on their maps, 2 of 40 of another building's on Intel's
 /// and none of 11 on Seattle's (`examples/localization.rs`).
@@ -94,6 +104,19 @@ impl Course {
     }
 }
 
+/// What beams met when a scan was at a pose, by their index.
+struct Look {
+    from: Pose,
+    met: Vec<(usize, Met)>,
+}
+
+impl Look {
+    /// How far returns have moved since, about, metres.
+    fn moved(&self, pose: &Pose) -> f64 {
+        (pose.position() - self.from.position()).norm() + ARM * wrap_angle(pose.theta - self.from.theta).abs()
+    }
+}
+
 /// Normal equations.
 struct Normal {
     information: DMatrix<f64>,
@@ -111,17 +134,23 @@ impl<'a> Descent<'a> {
         Ok(Self { map, scans, beams: beams.collect(), motions, informations: informations.collect::<Result<_, _>>()? })
     }
 
-    /// From a start, a pose a scan. `go_on` says whether to go on.
-    pub fn run(&self, mut poses: Vec<Pose>, go_on: &dyn Fn() -> bool) -> Result<Course, LocalizeError> {
-        let mut settled = false;
+    /// From a start, a pose a scan, to where all but the last stage end. `go_on` says whether to go on.
+    pub fn approach(&self, mut poses: Vec<Pose>, go_on: &dyn Fn() -> bool) -> Result<Vec<Pose>, LocalizeError> {
         let level = vec![1.0; poses.len()];
-        for (scale, steps) in STAGES {
-            settled = self.stage(&mut poses, (scale, steps), &level, go_on)?;
+        for (scale, steps) in APPROACH.into_iter().filter(|(scale, _)| *scale <= self.widest()) {
+            self.stage(&mut poses, (scale, steps), &level, go_on)?;
         }
+        Ok(poses)
+    }
+
+    /// From where [`Descent::approach`] ended. `go_on` says whether to go on.
+    pub fn settle(&self, mut poses: Vec<Pose>, go_on: &dyn Fn() -> bool) -> Result<Course, LocalizeError> {
+        let level = vec![1.0; poses.len()];
+        let mut settled = self.stage(&mut poses, LAST, &level, go_on)?;
         // Returns that scatter more than they should are worth less, beside the prior and the motions.
         let excess: Vec<f64> = self.agreements(&poses, &level).iter().map(|own| own.excess).collect();
         if excess.iter().any(|own| *own > 1.0) {
-            settled = self.stage(&mut poses, STAGES[STAGES.len() - 1], &excess, go_on)?;
+            settled = self.stage(&mut poses, LAST, &excess, go_on)?;
         }
         let fits = self.agreements(&poses, &excess);
         let mut normal = self.priors(&poses);
@@ -132,6 +161,7 @@ impl<'a> Descent<'a> {
         Ok(Course { poses, information: normal.information, fits, settled, anywhere })
     }
 
+    /// What beams meet is looked for anew where a pose has moved, and where the steps have ended but not since.
     fn stage(
         &self,
         poses: &mut [Pose],
@@ -139,6 +169,8 @@ impl<'a> Descent<'a> {
         excess: &[f64],
         go_on: &dyn Fn() -> bool,
     ) -> Result<bool, LocalizeError> {
+        let still = if scale > 0.0 { COARSELY * scale } else { STILL };
+        let mut looks: Vec<Look> = poses.iter().enumerate().map(|(k, pose)| self.look(k, pose, scale)).collect();
         let mut longest = f64::INFINITY;
         for _ in 0..steps {
             let mut normal = self.priors(poses);
@@ -146,7 +178,7 @@ impl<'a> Descent<'a> {
                 if !go_on() {
                     return Err(LocalizeError::Cancelled);
                 }
-                self.add_returns(&mut normal, (k, pose), scale, excess[k]);
+                self.add_returns(&mut normal, (k, pose), &looks[k], (scale, excess[k]));
             }
             let Some(factor) = normal.information.cholesky() else { return Ok(false) };
             let step = factor.solve(&normal.gradient);
@@ -156,20 +188,45 @@ impl<'a> Descent<'a> {
                 *pose = Pose::new(pose.x - own.x, pose.y - own.y, wrap_angle(pose.theta - own.z));
                 longest = longest.max(own.amax());
             }
-            if longest < STILL {
+            let allowed = if longest < still { still } else { STALE * scale.max(FINE) };
+            let mut is_new = false;
+            for (k, pose) in poses.iter().enumerate() {
+                if looks[k].moved(pose) > allowed {
+                    (looks[k], is_new) = (self.look(k, pose, scale), true);
+                }
+            }
+            if longest < still && !is_new {
                 break;
             }
         }
         Ok(longest < SETTLED)
     }
 
-    fn add_returns(&self, normal: &mut Normal, (k, pose): (usize, &Pose), scale: f64, excess: f64) {
-        let beams = &self.beams[k];
+    /// The widest scale that is needed: a scan of which much is known beforehand is not looked for far away.
+    fn widest(&self) -> f64 {
+        match self.scans {
+            [Sighted { prior: Some(prior), .. }] => {
+                let sigma = |k| prior.covariance[(k, k)].max(0.0).sqrt();
+                WIDE * (sigma(0).max(sigma(1)) + ARM * sigma(2)).max(FINE)
+            }
+            _ => f64::INFINITY,
+        }
+    }
+
+    /// What a scan's beams meet from a pose; of the coarse stages' few beams.
+    fn look(&self, scan: usize, pose: &Pose, scale: f64) -> Look {
+        let beams = &self.beams[scan];
         let skip = if scale > 0.0 { beams.len().div_ceil(COARSE_BEAMS).max(1) } else { 1 };
         let reach = (REACH.0 * scale).max(REACH.1);
+        let some = beams.iter().enumerate().step_by(skip);
+        let met = some.filter_map(|(k, beam)| Some((k, Met::of(self.map, pose, beam, reach)?)));
+        Look { from: *pose, met: met.collect() }
+    }
+
+    fn add_returns(&self, normal: &mut Normal, (k, pose): (usize, &Pose), look: &Look, (scale, excess): (f64, f64)) {
         let resolution = self.map.lattice().resolution;
-        for beam in beams.iter().step_by(skip) {
-            let Some(sighting) = Sighting::of(self.map, pose, beam, reach) else { continue };
+        for &(beam, met) in &look.met {
+            let Some(sighting) = Sighting::of(self.map, pose, &self.beams[k][beam], met) else { continue };
             let variance = excess * sighting.variance(self.scans[k].sigma_range, resolution) + scale * scale;
             let u = sighting.residual.powi(2) / variance;
             let weight = (1.0 + u / BULK).powi(-2) / variance;
@@ -210,8 +267,8 @@ impl<'a> Descent<'a> {
         let own = |(k, pose): (usize, &Pose)| {
             let mut agreement = Agreement { used: Vec::new(), left_out: 0, chi_squared: 0.0, excess: 1.0 };
             for beam in &self.beams[k] {
-                let sighting = Sighting::of(self.map, pose, beam, REACH.1);
-                let Some(sighting) = sighting else {
+                let met = Met::of(self.map, pose, beam, REACH.1);
+                let Some(sighting) = met.and_then(|met| Sighting::of(self.map, pose, beam, met)) else {
                     agreement.left_out += 1;
                     continue;
                 };

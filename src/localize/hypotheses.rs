@@ -53,7 +53,8 @@ pub fn ranked(map: &FittedMap, scans: &[Sighted], motions: &[Motion], courses: V
     ranked
 }
 
-fn is_same(a: &Pose, b: &Pose) -> bool {
+/// Whether two poses are the same hypothesis.
+pub fn is_same(a: &Pose, b: &Pose) -> bool {
     (a.position() - b.position()).norm() < SAME.0 && wrap_angle(a.theta - b.theta).abs() < SAME.1
 }
 

@@ -129,7 +129,7 @@ impl<'a> Localizer<'a> {
         let descent = Descent::new(self.map, scans, motions)?;
         let mut courses = Vec::new();
         for first in self.candidates(&scans[0], go_on)?.into_iter().take(MOST_COURSES) {
-            courses.push(descent.run(motion::chain(first.poses[0], motions), go_on)?);
+            courses.push(descent.settle(descent.approach(motion::chain(first.poses[0], motions), go_on)?, go_on)?);
         }
         self.answers(&[ranked(self.map, scans, motions, courses)], hypotheses, go_on)
     }
@@ -138,11 +138,14 @@ impl<'a> Localizer<'a> {
     fn candidates(&self, sighted: &Sighted, go_on: &dyn Fn() -> bool) -> Result<Vec<Course>, LocalizeError> {
         let alone = std::slice::from_ref(sighted);
         let descent = Descent::new(self.map, alone, &[])?;
-        let mut found = Vec::new();
+        let mut near: Vec<Pose> = Vec::new();
         for start in self.ground.starts(sighted) {
-            found.push(descent.run(vec![start], go_on)?);
+            let pose = descent.approach(vec![start], go_on)?[0];
+            if !near.iter().any(|other| hypotheses::is_same(other, &pose)) {
+                near.push(pose);
+            }
         }
-        Ok(found)
+        near.into_iter().map(|pose| descent.settle(vec![pose], go_on)).collect()
     }
 }
 

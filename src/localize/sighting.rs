@@ -37,13 +37,34 @@ pub struct Sighting {
     pub slope: f64,
 }
 
-impl Sighting {
-    /// A beam's return from a pose; `None` where the map has nothing to hold it against within `reach` metres.
+/// What a beam met, so far as it has to be looked for: a vector map's facet. It is kept while a pose hardly moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Met {
+    /// A signed map's surface is where the field vanishes, within so many metres.
+    Field(f64),
+    Facet(usize),
+}
+
+impl Met {
+    /// What a beam from a pose met; `None` where the map has no surface within `reach` metres.
     pub fn of(map: &FittedMap, pose: &Pose, beam: &Beam, reach: f64) -> Option<Self> {
+        match map.field.distance() {
+            Distance::Signed => Some(Self::Field(reach)),
+            Distance::Vector => {
+                let direction = pose.direction(beam.bearing);
+                map.surfaces.facing(pose.position() + direction * beam.range, direction, reach).map(Self::Facet)
+            }
+        }
+    }
+}
+
+impl Sighting {
+    /// A beam's return from a pose, against what it met; `None` where the map has nothing to hold it against.
+    pub fn of(map: &FittedMap, pose: &Pose, beam: &Beam, met: Met) -> Option<Self> {
         let direction = pose.direction(beam.bearing);
         let point = pose.position() + direction * beam.range;
-        let (residual, normal, place, slope) = match map.field.distance() {
-            Distance::Signed => {
+        let (residual, normal, place, slope) = match met {
+            Met::Field(reach) => {
                 let (value, gradient) = map.field.slope(point)?;
                 let slope = gradient.norm();
                 if !(slope > LEAST_SLOPE && value.abs() <= reach * slope) {
@@ -51,8 +72,8 @@ impl Sighting {
                 }
                 (value / slope, gradient / slope, point, slope)
             }
-            Distance::Vector => {
-                let facing = map.surfaces.facing(point, direction, reach)?;
+            Met::Facet(facet) => {
+                let facing = map.surfaces.before(facet, point);
                 (facing.across, facing.normal, facing.foot, 1.0)
             }
         };

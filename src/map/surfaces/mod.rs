@@ -22,8 +22,8 @@ pub(crate) mod samples;
 mod simple;
 mod walls;
 
-use rstar::RTree;
 use rstar::primitives::{GeomWithData, Line};
+use rstar::{AABB, RTree};
 
 use super::Field;
 use super::query::normal_cdf;
@@ -150,17 +150,33 @@ pub struct Facing {
 
 impl Surfaces {
     /// The nearest facet, within `reach` metres of a place, that faces who looks along `direction`: of a vector map alone,
-    /// whose facets know which side of them is free.
-    pub fn facing(&self, p: Vec2, direction: Vec2, reach: f64) -> Option<Facing> {
-        let near = self.tree.nearest_neighbor_iter_with_distance_2(p.into());
-        let near = near.take_while(|(_, distance2)| *distance2 <= reach * reach);
-        near.map(|(facet, _)| &self.facets[facet.data]).find_map(|facet| {
-            let normal = facet.normal();
-            (normal.dot(&direction) < GRAZING).then(|| {
-                let foot = nearest_on_segment(p, facet.ends[0], facet.ends[1]);
-                Facing { foot, normal, across: normal.dot(&(p - foot)) }
-            })
-        })
+    /// whose facets know which side of them is free. Looked for nearby first, where it usually is.
+    pub fn facing(&self, p: Vec2, direction: Vec2, reach: f64) -> Option<usize> {
+        let mut near = (0.5 * self.resolution).min(reach);
+        loop {
+            let around = AABB::from_corners([p.x - near, p.y - near], [p.x + near, p.y + near]);
+            let facets = self.tree.locate_in_envelope_intersecting(around).map(|own| {
+                let [a, b] = self.facets[own.data].ends;
+                (distance_to_segment(p, a, b), own.data)
+            });
+            let nearest = facets
+                .filter(|(distance, facet)| {
+                    *distance <= near && self.facets[*facet].normal().dot(&direction) < GRAZING
+                })
+                .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            match nearest {
+                Some((_, facet)) => return Some(facet),
+                None if near >= reach => return None,
+                None => near = (2.0 * near).min(reach),
+            }
+        }
+    }
+
+    /// How a place lies before one of the facets.
+    pub fn before(&self, facet: usize, p: Vec2) -> Facing {
+        let facet = &self.facets[facet];
+        let (foot, normal) = (nearest_on_segment(p, facet.ends[0], facet.ends[1]), facet.normal());
+        Facing { foot, normal, across: normal.dot(&(p - foot)) }
     }
 }
 
