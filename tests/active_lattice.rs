@@ -1,9 +1,10 @@
 //! Control points only where there is evidence: what is left out, and what that changes where something was seen.
 
-use mapfit::fit::{Distance, FitOptions};
+use mapfit::fit::{self, Distance, FitOptions};
 use mapfit::geometry::{Bounds, Vec2};
 use mapfit::map::{FittedMap, Survey};
 use mapfit::sim::Scenario;
+use mapfit::spline::Lattice;
 use mapfit::uncertainty::Kind;
 
 /// Experiment 1's room in the corner of a square twice as wide, most of which nobody saw.
@@ -57,4 +58,22 @@ fn a_vector_map_has_a_band_of_its_own_and_a_wider_one_changes_little() {
     let [distance, _] = largest_changes(&map, &wide);
     println!("{active} and {more} control points; distance changes by {distance:.5} m at most");
     assert!(active < more && distance < 0.02);
+}
+
+#[test]
+fn control_points_in_use_are_counted_as_the_fit_has_them_and_cheaply_never_fewer() {
+    let scenario = Scenario::experiment_one();
+    for (half_width, seed) in [(12.0, 1), (40.0, 2), (3.0, 3)] {
+        let bounds = Bounds { min: [-half_width; 2], max: [half_width; 2] };
+        let lattice = Lattice::covering(&bounds, scenario.resolution, 1_000_000).unwrap();
+        let (scans, options) = (scenario.scans(seed), FitOptions::default());
+        let counted = |limit| fit::control_points(&scans, Distance::Vector, &lattice, &options, limit);
+        let exact = fit::footprint(&scans, Distance::Vector, &lattice, &options, &|| true).unwrap().control_points;
+        let cheap = counted(lattice.len() - 1);
+        println!("{exact} in use, {cheap} in the scans' surroundings, {} in all", lattice.len());
+        assert_eq!(counted(0), exact);
+        assert!((exact..=lattice.len()).contains(&cheap));
+        // A signed map without a band uses all of them.
+        assert_eq!(fit::control_points(&scans, Distance::Signed, &lattice, &options, 0), lattice.len());
+    }
 }

@@ -72,6 +72,7 @@ fn invalid_jobs() -> Vec<(&'static str, String, &'static str)> {
         ("resolution a string", with("/map/resolution", json!("0.2")), "/map/resolution"),
         ("resolution null", with("/map/resolution", json!(null)), "/map/resolution"),
         ("more control points than the limit", with("/map/resolution", json!(0.001)), "/map/resolution"),
+        ("a tiling that is none", with("/map/tiling", json!("quad")), "/map/tiling"),
         ("resolution absurdly small", with("/map/resolution", json!(1e-300)), "/map/resolution"),
         ("bounds inverted along x", with("/map/bounds", json!({"min": [8, 0], "max": [0, 8]})), "/map/bounds/max/0"),
         ("bounds inverted along y", with("/map/bounds", json!({"min": [0, 8], "max": [8, 0]})), "/map/bounds/max/1"),

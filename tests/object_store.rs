@@ -188,8 +188,7 @@ fn killed_stores_lose_nothing() {
 fn only_named_objects_are_left(store: &Seaweed, jobs: &[String]) {
     let begun = Instant::now();
     loop {
-        let names: Vec<String> =
-            store.names("maps").into_iter().filter(|name| name.starts_with("attempts/")).collect();
+        let names: Vec<String> = store.names("maps").into_iter().filter(|name| name.starts_with("attempts/")).collect();
         let of = |job: &String| names.iter().filter(|name| name.split('/').any(|part| part.contains(job))).count();
         let (orphans, doubled) = (names.len() - jobs.iter().map(of).sum::<usize>(), jobs.iter().any(|job| of(job) > 1));
         if orphans == 0 && !doubled {

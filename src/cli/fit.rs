@@ -36,7 +36,7 @@ pub struct FitCommand {
 impl FitCommand {
     pub fn run(self) -> Result<(), CliError> {
         let Some(out) = self.out.as_ref().filter(|_| !self.log.list) else { return self.log.show(&self.file) };
-        let limits = Limits { control_points: 1_000_000, values: 100_000_000, ..Limits::default() };
+        let limits = Limits { control_points: 1_000_000, lattice: 4_000_000, values: 100_000_000, ..Limits::default() };
         let may = RecordingLimits { scans: limits.scans, ranges: limits.values, ..ON_DISK };
         let json = job_of(&self.file, &self.job, &self.log, &may)?;
         let request = JobRequest::parse(&json, &limits).map_err(|error| explain(&self.file, error))?;

@@ -13,6 +13,8 @@ const REACH: usize = 3;
 /// How large a fit is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Footprint {
+    /// Control points of the whole rectangle.
+    pub lattice: usize,
     /// Control points in use, of each component.
     pub control_points: usize,
     pub scans: usize,
@@ -30,27 +32,73 @@ pub fn footprint(
     options: &FitOptions,
     goes_on: &dyn Fn() -> bool,
 ) -> Option<Footprint> {
-    let usual = (distance == Distance::Vector).then_some(DEFAULT_BAND);
-    let control_points = match options.band.or(usual) {
+    let control_points = match band_of(distance, options) {
         None => lattice.len(),
-        Some(band) => {
-            let mut active = vec![false; lattice.len()];
-            let cells = Evidence::gather_while(lattice, scans, &mut || goes_on())?.cells_within(lattice, band);
-            for (k, _) in cells.iter().enumerate().filter(|(_, used)| **used) {
-                let cell = [k % lattice.cells[0], k / lattice.cells[0]];
-                lattice.support(cell).iter().for_each(|&point| active[point] = true);
-            }
-            active.into_iter().filter(|active| *active).count()
-        }
+        Some(band) => in_use(lattice, &Evidence::gather_while(lattice, scans, &mut || goes_on())?, band),
     };
     let returns = returns_of(scans).len();
     Some(Footprint {
+        lattice: lattice.len(),
         control_points,
         scans: scans.len(),
         returns,
         pose_entries: pose_entries(scans, distance, lattice),
     })
 }
+
+/// Control points in use, or somewhat more: where scans' surroundings together hold no more than `limit`, or where it would take
+/// too long to see what beams pass, all of the surroundings count.
+pub fn control_points(
+    scans: &[LaserScan],
+    distance: Distance,
+    lattice: &Lattice,
+    options: &FitOptions,
+    limit: usize,
+) -> usize {
+    let Some(band) = band_of(distance, options).filter(|_| lattice.len() > limit) else { return lattice.len() };
+    let around = surroundings(lattice, scans, band);
+    let looks: usize =
+        scans.iter().map(|scan| Evidence::extent(lattice, scan).map(|span| span.len())).map(|[x, y]| x * y).sum();
+    if around <= limit || looks > MOST_LOOKS {
+        around
+    } else {
+        in_use(lattice, &Evidence::gather(lattice, scans), band)
+    }
+}
+
+/// How many cells around evidence have control points; `None`: all have.
+fn band_of(distance: Distance, options: &FitOptions) -> Option<f64> {
+    options.band.or((distance == Distance::Vector).then_some(DEFAULT_BAND))
+}
+
+fn in_use(lattice: &Lattice, evidence: &Evidence, band: f64) -> usize {
+    let mut active = vec![false; lattice.len()];
+    for (k, _) in evidence.cells_within(lattice, band).iter().enumerate().filter(|(_, used)| **used) {
+        let cell = [k % lattice.cells[0], k / lattice.cells[0]];
+        lattice.support(cell).iter().for_each(|&point| active[point] = true);
+    }
+    active.into_iter().filter(|active| *active).count()
+}
+
+/// The control points of the rectangles that scans look into: their corners are noted, then summed up along x and y.
+fn surroundings(lattice: &Lattice, scans: &[LaserScan], band: f64) -> usize {
+    let width = lattice.cells[0] + REACH + 2;
+    let mut counts = vec![0i32; width * (lattice.cells[1] + REACH + 2)];
+    for [x, y] in scans.iter().filter_map(|scan| Evidence::reach(lattice, scan, band)) {
+        let (left, right, low, high) = (*x.start(), x.end() + REACH + 1, *y.start(), y.end() + REACH + 1);
+        for (i, j, sign) in [(left, low, 1), (right, low, -1), (left, high, -1), (right, high, 1)] {
+            counts[i + j * width] += sign;
+        }
+    }
+    for row in counts.chunks_mut(width) {
+        (1..width).for_each(|i| row[i] += row[i - 1]);
+    }
+    (width..counts.len()).for_each(|k| counts[k] += counts[k - width]);
+    counts.into_iter().filter(|count| *count > 0).count()
+}
+
+/// Marks that are looked at to see what beams pass, at most: a second's.
+const MOST_LOOKS: usize = 100_000_000;
 
 /// Entries of the factor between poses, about: found from where each scan's returns lie, scan by scan.
 pub fn pose_entries(scans: &[LaserScan], distance: Distance, lattice: &Lattice) -> usize {

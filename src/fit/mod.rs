@@ -29,7 +29,7 @@ use thiserror::Error;
 
 pub(crate) use estimate::PRIOR;
 pub use estimate::{Distance, Estimate, Input, Inputs, Minimum};
-pub use footprint::{Footprint, footprint, pose_entries};
+pub use footprint::{Footprint, control_points, footprint, pose_entries};
 pub use options::{FitOptions, Poses, Weighting, Weights};
 pub use signed::{
     Curvature, EikonalLoss, Law, LocalJet, Newton, Objective, Placed, Sighting, Sightings, StoppingRule, Weighing,

@@ -68,7 +68,7 @@ impl Reader<'_> {
         let (name, labels, priority, deadline_seconds) = self.about(document);
         let members = self.required(document, "", "maps", Self::members);
         let map = self.required(document, "", "map", |reader, node, at| {
-            reader.object(node, at, &["distance", "resolution", "bounds", "margin"])?;
+            reader.object(node, at, &["distance", "resolution", "bounds", "margin", "tiling"])?;
             let distance = reader.optional(node, at, "distance", |r, n, p| r.choice(n, p, &["sdf", "vdf"]));
             let (resolution, area) = reader.spacing(node, at)?;
             let distance = distance?.map(|name| if name == "vdf" { Distance::Vector } else { Distance::Signed });
@@ -158,7 +158,7 @@ impl JoinBody {
         let map = MapPart { distance, resolution: self.resolution, area: self.area };
         let lattice = reader.lattice(&scans, &seen, &map)?;
         let guesses = all.parts.iter().map(|part| part.guess).collect();
-        Some(JobRequest {
+        reader.within_one_fit(JobRequest {
             name: self.name,
             labels: self.labels,
             priority: self.priority,
@@ -272,7 +272,7 @@ impl JobRequest {
                 let returns = crate::scan::returns_of(&scans).into_iter().map(|seen| seen.point);
                 let around = returns.chain(scans.iter().map(|scan| scan.pose.position()));
                 let bounds = crate::geometry::Bounds::around(around).ok_or(LatticeError::Bounds)?;
-                Lattice::covering(&bounds.grown(self.area.margin), self.lattice.resolution, limits.control_points)?
+                Lattice::covering(&bounds.grown(self.area.margin), self.lattice.resolution, limits.lattice)?
             }
         };
         Ok(Self { scans, lattice, ..self.clone() })

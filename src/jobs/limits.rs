@@ -11,7 +11,10 @@ pub struct Fault {
 /// What a request may ask for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
+    /// Control points in use, of one fit.
     pub control_points: usize,
+    /// Control points of a map's whole rectangle, in use or not.
+    pub lattice: usize,
     pub scans: usize,
     pub beams_a_scan: usize,
     /// Values in the whole document.
@@ -20,6 +23,6 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { control_points: 200_000, scans: 20_000, beams_a_scan: 100_000, values: 10_000_000 }
+        Self { control_points: 200_000, lattice: 1_000_000, scans: 20_000, beams_a_scan: 100_000, values: 10_000_000 }
     }
 }

@@ -93,7 +93,7 @@ impl JobRequest {
     fn most_with(&self, pose_entries: usize) -> Cost {
         let returns = self.scans.iter().map(|scan| scan.ranges.len()).sum();
         let (control_points, scans) = (self.lattice.len(), self.scans.len());
-        map::cost(self.distance, &Footprint { control_points, scans, returns, pose_entries })
+        map::cost(self.distance, &Footprint { lattice: control_points, control_points, scans, returns, pose_entries })
     }
 
     /// The memory that the fit needs, bytes, where that is more than so much. More is found out only where what is known does
@@ -127,7 +127,7 @@ impl Reader<'_> {
             _ => None,
         };
         let (scans, noise, lattice, map) = (campaign.scans?, campaign.noise?, lattice?, map?);
-        Some(JobRequest {
+        self.within_one_fit(JobRequest {
             name: campaign.name?,
             labels: campaign.labels?.unwrap_or_default(),
             priority: campaign.priority?.unwrap_or(0) as i32,
@@ -191,20 +191,41 @@ impl Reader<'_> {
         if bounds.min.iter().chain(&bounds.max).any(|v| v.abs() > 4.0 * FARTHEST) {
             return self.fault("/map/bounds", "the map's area is too far from the origin");
         }
-        match Lattice::covering(&bounds, map.resolution, self.limits.control_points) {
+        match Lattice::covering(&bounds, map.resolution, self.limits.lattice) {
             Ok(lattice) if seen.iter().any(|p| bounds.contains(*p)) => Some(lattice),
             Ok(_) => self.fault("/map/bounds", "no return of any scan lies inside the bounds"),
-            Err(LatticeError::TooLarge { needed, limit }) => self.fault(
-                "/map/resolution",
-                format!("this resolution needs {needed:.0} control points for the map's area; the limit is {limit}"),
-            ),
+            Err(LatticeError::TooLarge { needed, limit }) => {
+                self.too_large(&bounds, map.resolution, format!("{needed:.0} control points in all"), limit)
+            }
             Err(LatticeError::Bounds) => self.fault("/map/bounds", "the map's area is empty; give a margin or bounds"),
             Err(error @ LatticeError::Resolution(_)) => self.fault("/map/resolution", error.to_string()),
         }
     }
 
+    /// Refuses a fit that has more control points in use than one may have. Of a large rectangle most may be out of sight.
+    pub(super) fn within_one_fit(&mut self, request: JobRequest) -> Option<JobRequest> {
+        let limit = self.limits.control_points;
+        let JobRequest { scans, distance, lattice, options, .. } = &request;
+        match fit::control_points(scans, *distance, lattice, options, limit) {
+            used if used <= limit => Some(request),
+            used => {
+                self.too_large(&lattice.bounds(), lattice.resolution, format!("{used} control points in use"), limit)
+            }
+        }
+    }
+
+    /// Says so, and the finest resolution that surely fits, to two digits.
+    fn too_large<T>(&mut self, bounds: &Bounds, resolution: f64, needed: String, limit: usize) -> Option<T> {
+        let fits = |resolution: f64| Lattice::covering(bounds, resolution, self.limits.control_points).is_ok();
+        let digit = 10f64.powf(resolution.log10().floor() - 1.0);
+        let coarser = std::iter::successors(Some(resolution), |r| Some(r * 1.05)).take(400);
+        let finest = coarser.map(|r| (r / digit).ceil() * digit).find(|r| fits(*r));
+        let advice = finest.map_or(String::new(), |r| format!("; {} fits", (r * 1e6).round() / 1e6));
+        self.fault("/map/resolution", format!("this resolution needs {needed}; the limit is {limit}{advice}"))
+    }
+
     fn map(&mut self, node: &Node, at: &str) -> Option<MapPart> {
-        self.object(node, at, &["distance", "resolution", "bounds", "margin"])?;
+        self.object(node, at, &["distance", "resolution", "bounds", "margin", "tiling"])?;
         let distance = self.required(node, at, "distance", |r, n, p| r.choice(n, p, &["sdf", "vdf"]));
         let (resolution, area) = self.spacing(node, at)?;
         let distance = if distance? == "vdf" { Distance::Vector } else { Distance::Signed };
@@ -216,6 +237,8 @@ impl Reader<'_> {
         let resolution = self.required(node, at, "resolution", |r, n, p| r.positive(n, p, 1e-4, 1e4));
         let bounds = self.optional(node, at, "bounds", Self::bounds);
         let margin = self.optional(node, at, "margin", |r, n, p| r.number(n, p, 0.0, 1e4));
+        // Either way a map is one fit as yet.
+        self.optional(node, at, "tiling", |r, n, p| r.choice(n, p, &["auto", "none"]))?;
         let resolution = resolution?;
         Some((resolution, Area { bounds: bounds?, margin: margin?.unwrap_or(3.0 * resolution) }))
     }

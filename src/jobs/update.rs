@@ -42,7 +42,7 @@ impl Reader<'_> {
         let map = MapPart { distance: before.distance, resolution: before.lattice.resolution, area: before.area };
         let seen = self.returns(&scans)?;
         let lattice = self.lattice(&scans, &seen, &map)?;
-        Some(JobRequest {
+        self.within_one_fit(JobRequest {
             name: name?,
             labels: labels?.unwrap_or_default(),
             priority: priority?.unwrap_or(0) as i32,

@@ -44,6 +44,10 @@ const VECTOR: Rates = Rates {
 };
 /// What any process holds beside.
 const BASE: f64 = 8e6;
+/// Seconds and bytes a control point that is not in use: it has a row of its own in every vector of the solver, and in the
+/// factor's symbols, and its place among the coefficients, variances and marks of evidence.
+const SECONDS_UNUSED: f64 = 8e-6;
+const BYTES_UNUSED: f64 = 2_000.0;
 /// Bytes an entry of the factor between poses: the factor, the elimination's derivative, both selected inverses, and the
 /// fronts that they are formed in.
 const BYTES_A_POSE_ENTRY: f64 = 48.0;
@@ -52,12 +56,14 @@ const BYTES_A_POSE_ENTRY: f64 = 48.0;
 pub fn cost(distance: Distance, footprint: &Footprint) -> Cost {
     let rates = if distance == Distance::Vector { &VECTOR } else { &SIGNED };
     let (n, returns) = (footprint.control_points as f64, footprint.returns as f64);
+    let unused = footprint.lattice.saturating_sub(footprint.control_points) as f64;
     let doublings = (n / SMALL).max(1.0).log2();
     Cost {
-        seconds: rates.linear * n + rates.steep * n.powf(1.5) + rates.a_return * returns,
+        seconds: rates.linear * n + rates.steep * n.powf(1.5) + rates.a_return * returns + SECONDS_UNUSED * unused,
         bytes: BASE
             + n * (rates.bytes + rates.bytes_a_doubling * doublings)
             + returns * rates.bytes_a_return
+            + unused * BYTES_UNUSED
             + footprint.pose_entries as f64 * BYTES_A_POSE_ENTRY,
     }
 }

@@ -6,6 +6,8 @@
 //! the wedge then ends at that line, else at the nearer return. A beam without a return is evidence of nothing: beside
 //! it only half the wedge counts, the half nearer to the beam that did return.
 
+use std::ops::{Range, RangeInclusive};
+
 use super::laser::LaserScan;
 use crate::geometry::{Vec2, distance_to_segment, wrap_angle};
 use crate::spline::Lattice;
@@ -103,15 +105,35 @@ impl Evidence {
         Seen { free: mark & FREE != 0, surface: mark & SURFACE != 0 }
     }
 
+    /// The cells along an axis of so many that a mark reaches, `reach` marks far.
+    fn reached(mark: usize, reach: usize, cells: usize) -> RangeInclusive<usize> {
+        mark.saturating_sub(reach) / SUBCELLS..=((mark + reach) / SUBCELLS).min(cells - 1)
+    }
+
+    /// A band of so many cells, in marks.
+    fn marks_of(band: f64, size: [usize; 2]) -> usize {
+        (band * SUBCELLS as f64).round().clamp(0.0, size[0].max(size[1]) as f64) as usize
+    }
+
+    /// The cells, along x and y, that [`Evidence::cells_within`] can find in a scan's surroundings; `None` where it has none.
+    pub fn reach(lattice: &Lattice, scan: &LaserScan, band: f64) -> Option<[RangeInclusive<usize>; 2]> {
+        let marks = Self::extent(lattice, scan);
+        let reach = Self::marks_of(band, lattice.cells.map(|n| n * SUBCELLS));
+        let along = |axis: usize| {
+            let (first, last) = (marks[axis].start, marks[axis].end.checked_sub(1)?);
+            let cells = lattice.cells[axis];
+            (first <= last)
+                .then(|| *Self::reached(first, reach, cells).start()..=*Self::reached(last, reach, cells).end())
+        };
+        Some([along(0)?, along(1)?])
+    }
+
     /// The cells, x fastest, that have a mark in them or at most `band` cells away along x and y, to a quarter of a
     /// cell.
     pub fn cells_within(&self, lattice: &Lattice, band: f64) -> Vec<bool> {
         let ([nx, ny], [width, height]) = (lattice.cells, self.size);
-        let reach = (band * SUBCELLS as f64).round().clamp(0.0, (width.max(height)) as f64) as usize;
-        // The cells along one axis that a mark there reaches.
-        let span = |mark: usize, cells: usize| {
-            mark.saturating_sub(reach) / SUBCELLS..=((mark + reach) / SUBCELLS).min(cells - 1)
-        };
+        let reach = Self::marks_of(band, self.size);
+        let span = |mark: usize, cells: usize| Self::reached(mark, reach, cells);
         let mut rows = vec![false; nx * height];
         for (k, _) in self.marks.iter().enumerate().filter(|(_, mark)| **mark != 0) {
             span(k % width, nx).for_each(|i| rows[i + k / width * nx] = true);
@@ -173,15 +195,25 @@ impl Evidence {
 
     /// The marks whose centres may lie in a rectangle.
     fn window(&self, lattice: &Lattice, low: Vec2, high: Vec2) -> impl Iterator<Item = (usize, usize)> + use<> {
-        let side = lattice.resolution / SUBCELLS as f64;
-        let span = |axis: usize| {
-            let low = ((low[axis] - lattice.origin[axis]) / side).floor().max(0.0) as usize;
-            let high = ((high[axis] - lattice.origin[axis]) / side).ceil().max(0.0) as usize;
-            low..high.min(self.size[axis])
-        };
-        let (columns, rows) = (span(0), span(1));
+        let [columns, rows] = spans(lattice, low, high);
         rows.flat_map(move |j| columns.clone().map(move |i| (i, j)))
     }
+
+    /// The marks, along x and y, among which all lie that a scan can make.
+    pub fn extent(lattice: &Lattice, scan: &LaserScan) -> [Range<usize>; 2] {
+        let (low, high) = Sweep::of(scan, lattice.resolution).extent();
+        let near = Vec2::from_element(lattice.resolution / 2.0);
+        spans(lattice, low - near, high + near)
+    }
+}
+
+fn spans(lattice: &Lattice, low: Vec2, high: Vec2) -> [Range<usize>; 2] {
+    let side = lattice.resolution / SUBCELLS as f64;
+    [0, 1].map(|axis| {
+        let low = ((low[axis] - lattice.origin[axis]) / side).floor().max(0.0) as usize;
+        let high = ((high[axis] - lattice.origin[axis]) / side).ceil().max(0.0) as usize;
+        low..high.min(lattice.cells[axis] * SUBCELLS)
+    })
 }
 
 /// The centre of mark `(i, j)`.

@@ -167,6 +167,8 @@ pub struct JoinedMapRequestBody {
     bounds: Option<BoundsBody>,
     /// Metres; three cells by default.
     margin: Option<f64>,
+    /// Whether a map too large for one fit may be fitted in parts. As yet none is: both answer 422.
+    tiling: Option<Tiling>,
 }
 
 /// One laser scan; beam k has bearing angle_min + k angle_increment from the pose's heading.
@@ -214,6 +216,15 @@ pub struct NoiseBody {
     sigma_range: f64,
 }
 
+#[derive(Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[allow(dead_code)]
+enum Tiling {
+    /// The default.
+    Auto,
+    None,
+}
+
 /// The map to fit.
 #[derive(Deserialize, ToSchema)]
 #[schema(as = MapRequest)]
@@ -228,6 +239,8 @@ pub struct MapRequestBody {
     bounds: Option<BoundsBody>,
     /// Metres; three cells by default.
     margin: Option<f64>,
+    /// Whether a map too large for one fit may be fitted in parts. As yet none is: both answer 422.
+    tiling: Option<Tiling>,
 }
 
 /// Metres.

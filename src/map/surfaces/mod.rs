@@ -160,9 +160,7 @@ impl Surfaces {
                 (distance_to_segment(p, a, b), own.data)
             });
             let nearest = facets
-                .filter(|(distance, facet)| {
-                    *distance <= near && self.facets[*facet].normal().dot(&direction) < GRAZING
-                })
+                .filter(|(distance, facet)| *distance <= near && self.facets[*facet].normal().dot(&direction) < GRAZING)
                 .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             match nearest {
                 Some((_, facet)) => return Some(facet),
