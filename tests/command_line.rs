@@ -2,7 +2,7 @@
 
 mod support;
 
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 use serde_json::{Value, json};
 use support::{Server, small};
@@ -101,4 +101,13 @@ fn maps_are_updated_and_joined() {
     let frames = server.get(&format!("/v1/maps/{}/frames", joined["map"]["id"].as_str().unwrap())).json();
     assert_eq!(frames["frames"].as_array().unwrap().len(), 2);
     assert_eq!(mapfit(&server, &["join", first, &format!("{third}@1,2")]).status.code(), Some(2));
+}
+
+#[test]
+fn whoever_reads_no_further_hears_no_complaint() {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_mapfit"));
+    let mut child = command.args(["completions", "bash"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    let ended = child.wait_with_output().unwrap();
+    assert_eq!(String::from_utf8_lossy(&ended.stderr), "");
 }

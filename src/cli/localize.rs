@@ -56,16 +56,16 @@ impl Localize {
         let job = job_of(&self.file, &self.job, &self.log, &ON_DISK)?;
         let job: Value = serde_json::from_slice(&job).map_err(|error| CliError::Usage(error.to_string()))?;
         let located = self.located(&client, &job)?;
-        if self.json {
-            located.iter().for_each(|own| println!("{own}"));
-        } else {
-            summary(&located);
-        }
         if let Some(file) = &self.plot {
             let contour = client.get_json(&format!("/v1/maps/{}/contours", encoded(&self.map)))?;
             let svg = plot(&contour, &located);
             let bytes = if file.extension().is_some_and(|e| e == "svg") { svg.into_bytes() } else { svg_to_png(&svg)? };
             std::fs::write(file, bytes).map_err(CliError::io(file.display().to_string()))?;
+        }
+        if self.json {
+            located.iter().for_each(|own| println!("{own}"));
+        } else {
+            summary(&located);
         }
         match located.iter().filter(|own| own["converged"] != true).count() {
             0 => Ok(()),

@@ -126,6 +126,13 @@ impl CliError {
     }
 }
 
+impl Command {
+    /// Whether others depend on the process: it must outlive whoever reads its output.
+    fn serves(&self) -> bool {
+        matches!(self, Self::Serve(_) | Self::Worker(_) | Self::Demo(_))
+    }
+}
+
 /// Runs the command line of this process.
 pub fn main() -> std::process::ExitCode {
     let cli = Cli::parse();
@@ -135,6 +142,10 @@ pub fn main() -> std::process::ExitCode {
     match cli.log_format.as_str() {
         "json" => log.json().flatten_event(true).init(),
         _ => log.with_ansi(std::io::stderr().is_terminal()).init(),
+    }
+    if !cli.command.serves() {
+        // Whoever reads the first lines alone (`| head`) wants no more, and no complaint.
+        sigpipe::reset();
     }
     let outcome = match cli.command {
         Command::Serve(command) => command.run(),

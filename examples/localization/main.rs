@@ -1,15 +1,20 @@
 //! How well scans are located: held-out scans of a real log, or simulated ones whose truth is known.
 //!
-//!     cargo run --release --example localization -- LOG.flaser.log[.gz] [sdf|vdf] [every] [ANOTHER.flaser.log.gz]
+//!     cargo run --release --example localization -- LOG.flaser.log[.gz] [sdf|vdf] [every] [--fixed] [--other LOG] [--write FILE]
 //!     cargo run --release --example localization -- office [sdf|vdf] [maps]
 //!
 //! Of a log every fifth scan is held out and located on the map of the others, its pose in the log being the truth, from
 //! starts that are off by 5 cm and 2 degrees, by 20 cm and 6 degrees, and from nowhere; another
 //! building's scans should fit nowhere. Of the office every map is drawn
-//! anew, and so are the scans.
+//! anew, and so are the scans. `--fixed` takes the poses of the map's scans as they are reported; `--write` writes the cases with what was
+//! found, for `benches/localization/peers.py` to hold others against.
+
+mod cases;
+mod report;
 
 use std::time::Instant;
 
+use cases::{case, sighted, written};
 use mapfit::fit::{Distance, FitOptions, Poses};
 use mapfit::geometry::{Cov3, Pose, wrap_angle};
 use mapfit::import::{Selection, parse_carmen};
@@ -18,12 +23,11 @@ use mapfit::map::{FittedMap, Survey};
 use mapfit::scan::{LaserScan, Noise};
 use mapfit::sim::{self, misplaced};
 use mapfit::uncertainty::{Joint, Kind};
-use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
+use report::{hypotheses, report};
+use serde_json::{Value, json};
 
 const NOISE: Noise = Noise { sigma_x: 0.02, sigma_y: 0.02, sigma_theta: 0.005, sigma_range: 0.02 };
-/// The 95 % quantile of chi squared with three degrees of freedom.
-const WITHIN: f64 = 7.815;
 
 struct House {
     map: FittedMap,
@@ -32,7 +36,7 @@ struct House {
 }
 
 fn house(scans: &[LaserScan], noise: Noise, distance: Distance) -> House {
-    let fixed = std::env::args().any(|own| own == "--fixed").then_some(Poses::Fixed);
+    let fixed = is_fixed().then_some(Poses::Fixed);
     let options = FitOptions { poses: fixed, ..FitOptions::default() };
     let survey = Survey::new(scans, noise).distance(distance).options(options);
     let map = survey.map().unwrap();
@@ -45,76 +49,31 @@ fn house(scans: &[LaserScan], noise: Noise, distance: Distance) -> House {
     House { map, ground, joint }
 }
 
-/// Errors of located scans against the truth, and how many truths lie within the 95 % ellipsoid.
-fn report(title: &str, located: &[Located], truths: &[Pose], seconds: f64) {
-    let mut errors = Vec::new();
-    let (mut covered, mut failed, mut lost, mut narrow) = (0, 0, 0, 0);
-    for (own, truth) in located.iter().zip(truths) {
-        let (Some(pose), Some(covariance)) = (own.pose, own.covariance) else {
-            lost += 1;
-            continue;
-        };
-        let off = Vector3::new(pose.x - truth.x, pose.y - truth.y, wrap_angle(pose.theta - truth.theta));
-        errors.push(off.xy().norm());
-        failed += usize::from(off.xy().norm() > 0.5 || off.z.abs() > 10f64.to_radians());
-        match covariance.try_inverse() {
-            Some(inverse) => covered += usize::from(off.dot(&(inverse * off)) <= WITHIN),
-            None => narrow += 1,
-        }
-    }
-    errors.sort_by(f64::total_cmp);
-    let at =
-        |share: f64| errors.get(((errors.len() as f64 - 1.0) * share).round() as usize).map_or(f64::NAN, |e| 1e3 * e);
-    let rms = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len().max(1) as f64).sqrt() * 1e3;
-    println!(
-        "{title}: {} scans, {lost} nowhere, {failed} wrong; median {:.0} rms {rms:.0} 95 % {:.0} mm; {:.0} % in the 95 % \
-         ellipsoid ({narrow} singular); {:.1} ms a scan",
-        truths.len(),
-        at(0.5),
-        at(0.95),
-        100.0 * covered as f64 / errors.len().max(1) as f64,
-        1e3 * seconds / truths.len() as f64,
-    );
-}
-
-fn off_by(truth: &Pose, metres: f64, degrees: f64, draw: &mut rand_chacha::ChaCha8Rng) -> Pose {
-    let angle: f64 = draw.random_range(0.0..std::f64::consts::TAU);
-    let turn = if draw.random_bool(0.5) { degrees } else { -degrees };
-    Pose::new(truth.x + metres * angle.cos(), truth.y + metres * angle.sin(), truth.theta + turn.to_radians())
-}
-
 fn locate(house: &House, scans: &[LaserScan], starts: Option<(f64, f64)>, seed: u64) -> (Vec<Located>, f64) {
-    let mut draw = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
-    let sighted: Vec<Sighted> = scans
-        .iter()
-        .map(|scan| {
-            let prior = starts.map(|(metres, degrees)| {
-                let (spread, turn) = (metres.powi(2), degrees.to_radians().powi(2));
-                Prior::new(
-                    off_by(&scan.pose, metres, degrees, &mut draw),
-                    Cov3::from_diagonal(&[spread, spread, turn].into()),
-                )
-            });
-            Sighted { scan: scan.clone(), prior, sigma_range: NOISE.sigma_range }
-        })
-        .collect();
+    let sighted = sighted(scans, starts, seed);
     let began = Instant::now();
     let localizer = Localizer::new(&house.map, &house.ground, &house.joint, Kind::Propagated);
     let located = localizer.each(&sighted, 5, &|| true).unwrap();
     (located, began.elapsed().as_secs_f64())
 }
 
-fn hypotheses(located: &[Located], truths: &[Pose]) {
-    let right = |pose: &Pose, truth: &Pose| {
-        (pose.position() - truth.position()).norm() < 0.3
-            && wrap_angle(pose.theta - truth.theta).abs() < 5f64.to_radians()
-    };
-    let first = |own: &Located, truth: &Pose| own.hypotheses.first().is_some_and(|best| right(&best.pose, truth));
-    let five = |own: &Located, truth: &Pose| own.hypotheses.iter().any(|one| right(&one.pose, truth));
-    let count = |test: &dyn Fn(&Located, &Pose) -> bool| {
-        located.iter().zip(truths).filter(|(own, truth)| test(own, truth)).count()
-    };
-    println!("  right first {} and among five {} of {}", count(&first), count(&five), truths.len());
+/// Milliseconds a scan, each asked for by itself.
+fn one_at_a_time(house: &House, scans: &[Sighted]) -> f64 {
+    let localizer = Localizer::new(&house.map, &house.ground, &house.joint, Kind::Propagated);
+    let began = Instant::now();
+    for scan in scans {
+        localizer.each(std::slice::from_ref(scan), 1, &|| true).unwrap();
+    }
+    1e3 * began.elapsed().as_secs_f64() / scans.len() as f64
+}
+
+/// What follows a name among the arguments.
+fn named(name: &str) -> Option<String> {
+    std::env::args().skip_while(|own| own != name).nth(1)
+}
+
+fn is_fixed() -> bool {
+    std::env::args().any(|own| own == "--fixed")
 }
 
 fn scans_of(path: &str) -> Vec<LaserScan> {
@@ -130,22 +89,34 @@ fn scans_of(path: &str) -> Vec<LaserScan> {
 }
 
 fn log(path: &str, distance: Distance) {
-    let every = std::env::args().nth(3).map_or(1, |every| every.parse().unwrap());
+    let every = std::env::args().nth(3).and_then(|every| every.parse().ok()).unwrap_or(1);
     let scans = Selection { every, ..Selection::default() }.of(scans_of(path));
     let (held, taken): (Vec<_>, Vec<_>) = scans.into_iter().enumerate().partition(|(k, _)| k % 5 == 4);
     let [held, taken] = [held, taken].map(|part| part.into_iter().map(|(_, scan)| scan).collect::<Vec<LaserScan>>());
     let house = house(&taken, NOISE, distance);
     let truths: Vec<Pose> = held.iter().map(|scan| scan.pose).collect();
+    let log = std::path::Path::new(path).file_name().and_then(|name| name.to_str()).unwrap_or(path);
+    let mut cases = Vec::new();
     for (metres, degrees) in [(0.05, 2.0), (0.2, 6.0)] {
-        let (located, seconds) = locate(&house, &held, Some((metres, degrees)), 7);
-        report(&format!("off by {metres} m, {degrees} deg"), &located, &truths, seconds);
+        let starts = Some((metres, degrees));
+        let (located, seconds) = locate(&house, &held, starts, 7);
+        let name = format!("{}: off by {metres} m and {degrees} degrees", log.split('.').next().unwrap_or(log));
+        report(&name, &located, &truths, seconds);
+        println!("  one at a time {:.1} ms a scan", one_at_a_time(&house, &sighted(&held, starts, 7)));
+        cases.push(case(&name, &sighted(&held, starts, 7), &located, seconds));
+    }
+    if let Some(file) = named("--write") {
+        let method = if is_fixed() { "mapfit, poses fixed" } else { "mapfit" };
+        let map: Vec<Value> = taken.iter().map(written).collect();
+        let all = json!({"method": method, "sigma_range": NOISE.sigma_range, "map": map, "cases": cases});
+        std::fs::write(file, all.to_string()).unwrap();
     }
     let some: Vec<LaserScan> = held.iter().step_by(held.len().div_ceil(60)).cloned().collect();
     let truths: Vec<Pose> = some.iter().map(|scan| scan.pose).collect();
     let (located, seconds) = locate(&house, &some, None, 7);
     report("from nowhere", &located, &truths, seconds);
     hypotheses(&located, &truths);
-    if let Some(other) = std::env::args().nth(4) {
+    if let Some(other) = named("--other") {
         let strangers = scans_of(&other);
         let some: Vec<LaserScan> = strangers.iter().step_by(strangers.len().div_ceil(40)).cloned().collect();
         let (located, seconds) = locate(&house, &some, None, 7);
