@@ -126,7 +126,8 @@ def summary(case, method, found, truths, seconds):
     )
 
 
-def judged(file):
+def judged(file, done):
+    """Lines of the table; what is in `done`, case and method, is not done again: files may differ in our map alone."""
     told = json.load(open(file))
     grid = Grid(told["map"])
     particles = Particles(grid)
@@ -138,6 +139,9 @@ def judged(file):
             ("grid", lambda own: gauss_newton(grid, own["scan"], own["start"], case["prior"], told["sigma_range"])),
             ("amcl", lambda own: particles.located(own["scan"], own["start"], case["prior"])),
         ]:
+            if (case["name"], method) in done:
+                continue
+            done.add((case["name"], method))
             began = time.perf_counter()
             found = []
             for k, own in enumerate(case["scans"]):
@@ -151,8 +155,9 @@ def main():
     arguments = sys.argv[1:]
     out = open(arguments.pop(arguments.index("--csv") + 1), "w") if "--csv" in arguments else sys.stdout
     print(",".join(HEADINGS), file=out)
+    done = set()
     for file in (own for own in arguments if own != "--csv"):
-        for line in judged(file):
+        for line in judged(file, done):
             print(",".join(str(line[name]) for name in HEADINGS), file=out, flush=True)
 
 
