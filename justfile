@@ -24,9 +24,9 @@ format:
 lint:
   cargo clippy --release --all-targets -- -D warnings
 
-# Licences, sources and forbidden crates of the dependencies (cargo-deny)
+# Licences, sources and forbidden crates of the dependencies
 deny:
-  cargo deny check bans licenses sources
+  scripts/deny
 
 # Build the documentation's site into target/site
 site:
