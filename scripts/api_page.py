@@ -70,7 +70,11 @@ def operation(method: str, path: str, told: dict) -> list[str]:
         lines += ["| parameter | in | what |", "| --- | --- | --- |"]
         for parameter in told["parameters"]:
             must = ", required" if parameter.get("required") and parameter["in"] != "path" else ""
-            words = [kind(parameter.get("schema", {})), limits(parameter.get("schema", {})), cell(parameter.get("description"))]
+            words = [
+                kind(parameter.get("schema", {})),
+                limits(parameter.get("schema", {})),
+                cell(parameter.get("description")),
+            ]
             lines.append(f"| `{parameter['name']}` | {parameter['in']}{must} | {'; '.join(filter(None, words))} |")
         lines.append("")
     body = told.get("requestBody")
@@ -82,7 +86,9 @@ def operation(method: str, path: str, told: dict) -> list[str]:
     for status, answer in told["responses"].items():
         if status in ("4XX", "5XX"):
             continue
-        kinds = ", ".join(f"`{media}`: {kind(content.get('schema', {}))}" for media, content in answer.get("content", {}).items())
+        kinds = ", ".join(
+            f"`{media}`: {kind(content.get('schema', {}))}" for media, content in answer.get("content", {}).items()
+        )
         lines.append(f"| {status} | {cell(answer.get('description'))} | {kinds} |")
     return [*lines, ""]
 

@@ -1,13 +1,14 @@
 """Does what the documentation's pages say, in order, against a live service: every block of `sh` and of `python`.
 
-A page's blocks share one folder, one shell and one Python, so that what one leaves the next one finds. A block of `text` is what the
-block before it prints, where `...` stands for anything. Comments before a block, or at a page's head, say what is otherwise:
+A page's blocks share one folder, one shell and one Python, so that what one leaves the next one finds. A block of
+`text` is what the block before it prints, where `...` stands for anything. Comments say what is otherwise:
 
-    <!-- not run: why not -->           the block stays as it is
+    <!-- not run: why not -->           before a block, which stays as it is
     <!-- with: drive.mcap, FILE -->     what the reader has in the folder, of our recordings
 
-Pages say localhost:8080 and :9000; here these are free ports. Arguments: the Python with the client installed, then pages (all of
-docs/SUMMARY.md and the README without any). MAPFIT_BINARY is the program, MAPFIT_RECORDINGS the folder of real logs."""
+Pages say localhost:8080 and :9000; here these are free ports. Arguments: the Python with the client installed, then
+pages (all of docs/SUMMARY.md and the README without any). MAPFIT_BINARY is the program, MAPFIT_RECORDINGS the folder of
+real logs."""
 
 import os
 import re
@@ -50,7 +51,13 @@ class Session:
 
     def __init__(self, command: list[str], folder: Path, environment: dict[str, str], log) -> None:
         self.process = subprocess.Popen(
-            command, cwd=folder, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, start_new_session=True
+            command,
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            start_new_session=True,
         )
         self.said = b""
 
@@ -184,7 +191,9 @@ def do_page(page: Path, python: str, binary: Path, recordings: Path) -> tuple[in
                             shell.do(f"echo '{END}'")  # what it said of itself is nobody's answer
                         run += 1
                     except Failed as failed:
-                        raise Failed(f"{page}:{line}\n{block['code']}\n{failed}\n{log_file.read_text()[-3000:]}") from None
+                        raise Failed(
+                            f"{page}:{line}\n{block['code']}\n{failed}\n{log_file.read_text()[-3000:]}"
+                        ) from None
             finally:
                 interpreter.end()
                 shell.end()
@@ -198,7 +207,10 @@ def chapters() -> list[Path]:
 
 
 def main(python: str, *names: str) -> int:
-    binary, recordings = Path(os.environ["MAPFIT_BINARY"]).resolve(), Path(os.environ.get("MAPFIT_RECORDINGS", "")).resolve()
+    binary, recordings = (
+        Path(os.environ["MAPFIT_BINARY"]).resolve(),
+        Path(os.environ.get("MAPFIT_RECORDINGS", "")).resolve(),
+    )
     pages = [Path(name).resolve() for name in names] or chapters()
     if not (recordings / "seattle.flaser.log.gz").is_file():
         print("skipped: MAPFIT_RECORDINGS names no folder of logs, and the pages are about them")
@@ -210,7 +222,10 @@ def main(python: str, *names: str) -> int:
             run, skipped = do_page(page, python, binary, recordings)
             total, unrun = total + run, unrun + skipped
             if run or skipped:
-                print(f"{page.relative_to(ROOT)}: {run} blocks run, {skipped} not, {time.monotonic() - begun:.1f} s", flush=True)
+                print(
+                    f"{page.relative_to(ROOT)}: {run} blocks run, {skipped} not, {time.monotonic() - begun:.1f} s",
+                    flush=True,
+                )
         except Failed as failed:
             failures += 1
             print(f"FAILED {failed}", flush=True)

@@ -1,4 +1,4 @@
-"""Holds every link and picture of a built site to what is there, pages and their headings. Argument: the site's folder."""
+"""Holds every link and picture of a built site to what is there, headings too. Argument: the site's folder."""
 
 import sys
 from html.parser import HTMLParser
