@@ -97,6 +97,42 @@ ax.plot(*points[free][::10].T, ".", color="tab:red", markersize=1.5)
 plt.show()
 
 # %% [markdown]
+# ## Where was this?
+#
+# Scans that the map was not made of, each halfway between two that it was, located on it: from a pose that is half a
+# metre off, and from nowhere. The answer's covariance holds the map's own uncertainty.
+
+# %%
+others = log_to_job(log, every=15, start=7)
+noise = {**others["noise"], "sigma_x": 0.5, "sigma_y": 0.5, "sigma_theta": 0.1}
+taken = others["scans"][::6]
+told = np.array([[scan["pose"]["x"], scan["pose"]["y"]] for scan in taken])
+rough = [{**scan, "pose": {**scan["pose"], "x": scan["pose"]["x"] + 0.5}} for scan in taken]
+answers = building.localize(rough, noise=noise)
+located = np.array([[a.pose["x"], a.pose["y"]] if a.pose else [np.nan, np.nan] for a in answers])
+apart = np.linalg.norm(located - told, axis=1)
+print(f"{np.isfinite(apart).sum()} of {len(taken)} scans are located,")
+print(f"half of them within {np.nanmedian(apart) * 100:.0f} cm of the log's pose")
+
+# %%
+[lost] = building.localize([{**taken[0], "pose": None}], noise=noise, hypotheses=3)
+for hypothesis in lost.hypotheses:
+    x, y = hypothesis["pose"]["x"], hypothesis["pose"]["y"]
+    print(f"from nowhere: {hypothesis['probability']:.0%} at ({x:.2f}, {y:.2f})")
+print(f"the log says ({told[0][0]:.2f}, {told[0][1]:.2f})")
+
+# %% [markdown]
+# Orange crosses are where the scans were said to be, red points where the map finds them.
+
+# %%
+fig, ax = plt.subplots(figsize=(7, 7), layout="compressed")
+building.plot(layer="distance", ax=ax)
+ax.plot(told[:, 0] + 0.5, told[:, 1], "x", color="tab:orange", markeredgewidth=2, label="said to be")
+ax.plot(*located.T, "o", color="tab:red", markersize=4, label="located")
+ax.legend(loc="upper right")
+plt.show()
+
+# %% [markdown]
 # ## Taking it along
 #
 # One file, which `Map.load` and numpy open.

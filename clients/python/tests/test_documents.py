@@ -44,6 +44,7 @@ def test_the_notebook(url: str, recordings: Path, tmp_path: Path, monkeypatch: p
     asyncio.run(runner.async_execute())
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     pictures = [output for output in outputs if "image/png" in output.get("data", {})]
-    assert len(pictures) == 3
+    assert len(pictures) == 4
     said = "".join(output.get("text", "") for output in outputs)
     assert "converged in" in said and "of the area was observed" in said
+    assert "scans are located" in said and "from nowhere" in said
