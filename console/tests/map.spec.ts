@@ -114,6 +114,17 @@ test("never empty without a reason: no such map, tiles that fail", async ({ page
   await expect(page.getByRole("alert")).toBeHidden();
 });
 
+test("never empty without a reason: out of view, or hidden", async ({ page }) => {
+  await open(page, `#/maps/${roomMap()}?view=500,500,0.01`);
+  await expect(page.getByText("The map is out of view")).toBeVisible();
+  await page.getByRole("button", { name: "Show the whole map" }).last().click();
+  await expect(page.getByText("The map is out of view")).toBeHidden();
+  await open(page, `#/maps/${roomMap()}?opacity=0&show=none`);
+  await page.getByRole("button", { name: "Show the colours" }).click();
+  await expect(page.getByText("Everything is hidden")).toBeHidden();
+  await expect(page).not.toHaveURL(/opacity/);
+});
+
 test("outside the map it says so", async ({ page }) => {
   await openMap(page, "?at=500,500");
   await expect(page.locator(".answer").first()).toContainText("Outside this map");

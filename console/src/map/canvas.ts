@@ -2,7 +2,7 @@
 
 import Map from "ol/Map";
 import View from "ol/View";
-import { type Extent, getCenter } from "ol/extent";
+import { type Extent, getCenter, intersects } from "ol/extent";
 import { defaults } from "ol/interaction/defaults";
 import type BaseLayer from "ol/layer/Base";
 import { make } from "../kit/element";
@@ -83,6 +83,11 @@ export class Canvas {
   get camera(): Camera {
     const [x = 0, y = 0] = this.view.getCenter() ?? [];
     return { center: [x, y], resolution: this.view.getResolution() ?? 1 };
+  }
+
+  /** Whether any of what there is lies in view. */
+  get inView(): boolean {
+    return intersects(this.view.calculateExtent(this.map.getSize()), this.extent);
   }
 
   /** Looks from there, or at the whole. */

@@ -153,10 +153,33 @@ export class MapView {
     if (this.signal.aborted) return;
     this.view = { ...this.view, camera };
     history.replaceState(null, "", hrefOf(this.record.id, this.view));
+    this.sayWhyEmpty();
   }
 
   private clicked(point: Point): void {
     if (!this.ruler.takes(point)) this.go({ at: point });
+  }
+
+  private sayWhyEmpty(): void {
+    const { opacity, overlays, compare } = this.view;
+    const shown = opacity > 0 || [...overlays].some((one) => one !== "changes" || compare !== null);
+    if (!this.canvas.inView) {
+      this.state.empty({
+        title: "The map is out of view",
+        detail: "Everything that was scanned lies elsewhere.",
+        step: "Show the whole map",
+        act: () => this.canvas.fit(),
+      });
+    } else if (!shown) {
+      this.state.empty({
+        title: "Everything is hidden",
+        detail: "The colours are transparent, and nothing is drawn over them.",
+        step: "Show the colours",
+        act: () => this.go({ opacity: 1 }),
+      });
+    } else {
+      this.state.empty(null);
+    }
   }
 
   private fade(opacity: number): void {
@@ -216,6 +239,7 @@ export class MapView {
     const { view } = this;
     this.panel.show(view);
     this.extras.show(view);
+    this.sayWhyEmpty();
     this.lineage.showVersions(this.others, view);
     this.listDownloads();
     if (view.at) void this.answer.ask(view.at, view.kind);

@@ -6,8 +6,9 @@ import { Picture, type Pen } from "../picture";
 
 /** An ellipse of so many standard deviations. */
 const SIGMAS = 2;
-/** Ellipses that would be smaller than this, in pixels, are drawn ten or a hundred times as large. */
+/** Ellipses that would be smaller than this, in pixels, are drawn so many times as large. */
 const LEGIBLE = 5;
+const ENLARGED = [1, 2, 5, 10, 20, 50, 100];
 
 export interface Ellipse {
   /** Half axes, metres, and the first one's direction. */
@@ -55,7 +56,7 @@ export class PosesOverlay {
 
   private draw({ context, width, height, scale, density, pixel }: Pen): void {
     const legible = (times: number) => SIGMAS * this.typical * times * scale >= LEGIBLE * density;
-    const times = [1, 10, 100].find(legible) ?? 100;
+    const times = ENLARGED.find(legible) ?? 100;
     this.enlarged(this.typical > 0 ? times : null);
     const seen = this.poses
       .map((pose) => ({ ...pose, pixel: pixel(pose.at) }))
