@@ -26,6 +26,9 @@ const TITLES: Record<Layer, string> = {
   clearance: "Clearance: to a surface or unseen space",
 };
 
+/** Height of a legend with colours and one line, pixels. */
+const LEAST = 130;
+
 export class Legend {
   private readonly title = make("summary", {});
   private readonly content = make("div", {});
@@ -36,6 +39,14 @@ export class Legend {
     make("details", { open: true }, this.title, this.content),
   );
   private shown = "";
+
+  /** Width and height that it covers of the map's upper right corner; nothing where it lies below the map. */
+  covers(): [number, number] {
+    if (getComputedStyle(this.element).position !== "absolute") return [0, 0];
+    const { offsetWidth, offsetHeight, offsetTop } = this.element;
+    // Before its colours are known it is smaller than it is going to be.
+    return [offsetWidth + offsetTop, Math.max(offsetHeight, LEAST) + offsetTop];
+  }
 
   show(shown: Shown): void {
     const state = JSON.stringify([shown, [...shown.overlays], theme()]);

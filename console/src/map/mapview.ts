@@ -28,7 +28,7 @@ import { type Scales, scalesOf } from "./scale";
 import { ScaleBar, zoomButtons } from "./scalebar";
 import { Sheet } from "./sheet";
 import { State } from "./state";
-import { type View, hrefOf } from "./view";
+import { type Camera, type View, hrefOf } from "./view";
 
 export class MapView {
   readonly element = make("div", { class: "map-view" });
@@ -64,12 +64,13 @@ export class MapView {
   ) {
     const go = (change: Partial<View>) => this.go(change);
     this.sheet = new Sheet(record, this.state, signal);
-    this.canvas = new Canvas(this.sheet.extent, `Map ${jobName(record)}`, {
-      clicked: (point) => this.clicked(point),
-      pointed: (point) => this.scaleBar.point(point),
-      rested: (camera) => this.rested(camera),
-      moved: (resolution) => this.scaleBar.show(resolution),
-    });
+    const watching = {
+      clicked: (point: Point) => this.clicked(point),
+      pointed: (point: Point | null) => this.scaleBar.point(point),
+      rested: (camera: Camera) => this.rested(camera),
+      moved: (resolution: number) => this.scaleBar.show(resolution),
+    };
+    this.canvas = new Canvas(this.sheet.extent, `Map ${jobName(record)}`, watching, () => this.legend.covers());
     this.answer = new AnswerPanel(
       record.id,
       (answer) => this.marks.point(answer),
