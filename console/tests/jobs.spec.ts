@@ -75,12 +75,13 @@ test("events resume behind the last one that was seen", async ({ page }) => {
 
 test("why a job failed is said in the list and on its page", async ({ page }) => {
   // Far from done in half a second on any machine.
-  await submit({ ...long("hopeless"), deadline_seconds: 0.5 });
+  const name = `hopeless ${Date.now()}`;
+  await submit({ ...long(name), deadline_seconds: 0.5 });
   await open(page, "#/jobs");
-  const row = page.getByRole("listitem").filter({ hasText: "hopeless" });
+  const row = page.getByRole("listitem").filter({ hasText: name });
   await expect(row.locator(".chip")).toHaveText("failed");
   await expect(row).toContainText(/deadline/i);
-  await page.getByRole("link", { name: "hopeless" }).click();
+  await page.getByRole("link", { name }).click();
   await expect(page.getByRole("alert")).toContainText(/deadline/i);
 });
 
