@@ -125,6 +125,14 @@ test("never empty without a reason: out of view, or hidden", async ({ page }) =>
   await expect(page).not.toHaveURL(/opacity/);
 });
 
+test("on a narrow screen the answer stands on the map, too", async ({ page }) => {
+  await page.setViewportSize({ width: 390, height: 844 });
+  await openMap(page, "?at=2,2");
+  await expect(page.locator(".answer").first()).toContainText("Distance");
+  await expect(page.locator(".readout")).toHaveText(/m ± .* mm/);
+  await expect(page.locator(".readout")).toBeInViewport();
+});
+
 test("outside the map it says so", async ({ page }) => {
   await openMap(page, "?at=500,500");
   await expect(page.locator(".answer").first()).toContainText("Outside this map");

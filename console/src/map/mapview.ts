@@ -1,7 +1,7 @@
 // The map and what lies beside it. The view is the address's: controls change the address, and the address the view.
 
 import { downloadList } from "../kit/downloads";
-import { make } from "../kit/element";
+import { make, write } from "../kit/element";
 import { onTheme, theme } from "../kit/theme";
 import { jobName } from "../jobs/actions";
 import { heading } from "../route/router";
@@ -9,7 +9,7 @@ import type { Abilities } from "../service/abilities";
 import { getFrames, listMaps } from "../service/maps";
 import { Problem, isAbort } from "../service/problem";
 import type { Frame, MapRecord, Point } from "../service/types";
-import { AnswerPanel } from "./answer";
+import { AnswerPanel, brief } from "./answer";
 import { Canvas } from "./canvas";
 import { Comparison } from "./compare";
 import { Extras } from "./extras";
@@ -47,6 +47,8 @@ export class MapView {
   private readonly panel: Panel;
   private readonly answer: AnswerPanel;
   private readonly downloads = make("div", {});
+  /** The answer again, where the panel lies below the screen's edge; read out is the panel's. */
+  private readonly readout = make("p", { class: "readout", "aria-hidden": "true" });
   private readonly lineage: Lineage;
   private readonly located: LocatedOverlay;
   private readonly locate: LocatePanel | null;
@@ -73,7 +75,10 @@ export class MapView {
     this.canvas = new Canvas(this.sheet.extent, `Map ${jobName(record)}`, watching, () => this.legend.covers());
     this.answer = new AnswerPanel(
       record.id,
-      (answer) => this.marks.point(answer),
+      (answer) => {
+        this.marks.point(answer);
+        write(this.readout, answer ? brief(answer) : "");
+      },
       () => go({ at: null }),
     );
     const changes = able?.has("get", "/v1/maps/{id}/changes") ?? false;
@@ -125,7 +130,13 @@ export class MapView {
   /** What lies over the map, and what stands beside it. */
   private lay(): void {
     const { canvas, legend, record } = this;
-    const over = [zoomButtons(canvas), this.ruler.tools.element, this.scaleBar.element, this.state.element];
+    const over = [
+      zoomButtons(canvas),
+      this.ruler.tools.element,
+      this.scaleBar.element,
+      this.readout,
+      this.state.element,
+    ];
     canvas.element.append(...over);
     const section = (title: string, ...content: HTMLElement[]) =>
       make("section", {}, make("h2", {}, title), ...content);
