@@ -1,5 +1,6 @@
 // Builds `src` into `dist`, which the binary embeds; serves either for development, before a running mapfit.
 
+import type { HttpProxy } from "vite";
 import { defineConfig } from "vitest/config";
 import { standInTiles } from "./tools/stand-in-tiles.ts";
 import { policy } from "./tools/policy.ts";
@@ -7,8 +8,15 @@ import { policy } from "./tools/policy.ts";
 const service = process.env["MAPFIT_URL"] ?? "http://127.0.0.1:8080";
 // `/` and `/assets` are ours; everything else a page may ask for is the service's.
 const proxy = Object.fromEntries(
-  ["/v1", "/docs", "/openapi.json", "/readyz"].map((path) => [path, { target: service }]),
+  ["/v1", "/docs", "/openapi.json", "/readyz"].map((path) => [path, { target: service, configure: endWithService }]),
 );
+
+/** A stream that the service breaks off ends here, too, as it does without anything in between. */
+function endWithService(proxy: HttpProxy.ProxyServer): void {
+  proxy.on("proxyRes", (answer, _request, response) => {
+    answer.on("close", () => answer.complete || response.destroy());
+  });
+}
 
 export default defineConfig({
   root: "src",

@@ -1,17 +1,24 @@
-import { execFileSync } from "node:child_process";
-import { mkdtempSync, statSync } from "node:fs";
-import { tmpdir } from "node:os";
-import { expect, open, openMap, otherMap, roomMap, service, test } from "./fixtures";
+import { expect, open, openMap, otherMap, picture, roomMap, service, test } from "./fixtures";
+import { ask } from "./api";
+
+interface Answers {
+  distance: number[];
+  sigma: number[];
+  clearance: number[];
+}
 
 test("opens fitted, with every layer as tiles of the view", async ({ page }) => {
   await openMap(page);
   await expect(page.getByRole("heading", { level: 1 })).toHaveText("room");
+  const pictures = new Set<string>();
   for (const layer of ["sigma", "occupancy", "clearance", "distance"]) {
     const tile = page.waitForResponse((response) => response.url().includes(`/tiles/${layer}/`));
     await page.getByRole("radio", { name: layer, exact: false }).check();
     expect((await tile).status()).toBe(200);
     await expect(page).toHaveURL(layer === "distance" ? /^(?!.*layer=)/ : new RegExp(`layer=${layer}`));
+    pictures.add(await picture(page));
   }
+  expect(pictures.size, "every layer looks different").toBe(4);
   await page.goBack();
   await expect(page.getByRole("radio", { name: "Clearance" })).toBeChecked();
   await page.goBack();
@@ -21,33 +28,28 @@ test("opens fitted, with every layer as tiles of the view", async ({ page }) => 
 test("a click tells what /query tells", async ({ page }) => {
   await openMap(page);
   await page.locator(".map").click({ position: { x: 420, y: 330 } });
-  await expect(page.locator(".answer").first()).toContainText("Distance");
+  const answer = page.locator(".answer").first();
+  await expect(answer).toContainText("Distance");
   const [x, y] = (/at=([^,&]+),([^&]+)/.exec(page.url()) ?? []).slice(1).map(Number) as [number, number];
-  const init = {
-    method: "POST",
-    headers: { "content-type": "application/json" },
-    body: JSON.stringify({ points: [[x, y]] }),
-  };
-  const asked = await (await fetch(`${service()}/v1/maps/${roomMap()}/query`, init)).json();
-  const metres = (value: number) => {
+  const told = await ask<Answers>(service(), "POST", `/v1/maps/${roomMap()}/query`, { points: [[x, y]] });
+  const metres = (value = Number.NaN) => {
     const size = Math.abs(value);
     const text = size < 0.1 ? `${(value * 1000).toFixed(size < 0.01 ? 1 : 0)} mm` : `${value.toFixed(3)} m`;
     return text.replace("-", "\u2212");
   };
-  await expect(page.locator(".answer").first()).toContainText(
-    `${metres(asked.distance[0])} ± ${metres(asked.sigma[0])}`,
-  );
-  await expect(page.locator(".answer").first()).toContainText(metres(asked.clearance[0]));
+  await expect(answer).toContainText(`${metres(told.distance[0])} ± ${metres(told.sigma[0])}`);
+  await expect(answer).toContainText(metres(told.clearance[0]));
   await page.reload();
-  await expect(page.locator(".answer").first()).toContainText(metres(asked.distance[0]));
+  await expect(answer).toContainText(metres(told.distance[0]));
   await page.getByRole("radio", { name: "Posterior" }).check();
-  await expect(page.locator(".answer").first()).toContainText("posterior");
+  await expect(answer).toContainText("posterior");
 });
 
 test("the ruler measures, and Back takes it away", async ({ page }) => {
   await openMap(page);
   await page.getByRole("radio", { name: "Ruler" }).check();
   await page.locator(".map").click({ position: { x: 300, y: 300 } });
+  await expect(page.getByText("take the other end")).toBeVisible();
   await page.locator(".map").click({ position: { x: 500, y: 300 } });
   await expect(page.getByText("Length")).toBeVisible();
   const ends = (/ruler=([^&]+)/.exec(page.url())?.[1] ?? "").split(",").map(Number) as [number, number, number, number];
@@ -71,46 +73,22 @@ test("overlays: surfaces, returns and poses", async ({ page }) => {
 
 test("two maps beside a moving edge", async ({ page }) => {
   await openMap(page);
+  const alone = await picture(page);
   await page.getByRole("combobox", { name: "Swipe against" }).selectOption(otherMap());
   const edge = page.getByRole("slider", { name: "Edge between the two maps" });
   await edge.focus();
   await page.keyboard.press("ArrowRight");
   await expect(page).toHaveURL(/compare=.*swipe=0.51/);
-  await page.goBack();
-  await page.goBack();
+  // With the edge at either end, one of the two is all there is.
+  await page.keyboard.press("Home");
+  await expect(page).toHaveURL(/swipe=0$|swipe=0&/);
+  const other = await picture(page);
+  await page.keyboard.press("End");
+  await expect(page).toHaveURL(/swipe=1/);
+  expect(await picture(page)).toBe(alone);
+  expect(other).not.toBe(alone);
+  for (let back = 0; back < 4; back += 1) await page.goBack();
   await expect(edge).toBeHidden();
-});
-
-test("keyboard alone: pan, zoom, ask", async ({ page }) => {
-  await openMap(page);
-  await page.locator(".map").focus();
-  await page.keyboard.press("+");
-  await page.keyboard.press("ArrowLeft");
-  await page.waitForTimeout(600);
-  await page.keyboard.press("Enter");
-  await expect(page.locator(".answer").first()).toContainText("Distance");
-});
-
-test("every download answers, by its link and by the lines to copy", async ({ page }) => {
-  test.setTimeout(120_000);
-  await openMap(page);
-  const links = page.locator(".downloads li");
-  const folder = mkdtempSync(`${tmpdir()}/mapfit-lines-`);
-  expect(await links.count()).toBeGreaterThan(12);
-  for (const link of await links.all()) {
-    const download = page.waitForEvent("download");
-    await link.locator("a").click();
-    const file = await (await download).path();
-    expect(statSync(file).size).toBeGreaterThan(20);
-    await link.locator("summary").click();
-    for (const [k, program] of [
-      ["bash", "-c"],
-      ["python3", "-c"],
-    ].entries()) {
-      const line = await link.locator(".copyable code").nth(k).innerText();
-      execFileSync(program[0] as string, [program[1] as string, line], { cwd: folder });
-    }
-  }
 });
 
 test("never empty without a reason: no such map, tiles that fail", async ({ page }) => {
@@ -134,6 +112,25 @@ test("never empty without a reason: no such map, tiles that fail", async ({ page
   await page.getByRole("button", { name: "Try again" }).click();
   await tile;
   await expect(page.getByRole("alert")).toBeHidden();
+});
+
+test("never empty without a reason: out of view, or hidden", async ({ page }) => {
+  await open(page, `#/maps/${roomMap()}?view=500,500,0.01`);
+  await expect(page.getByText("The map is out of view")).toBeVisible();
+  await page.getByRole("button", { name: "Show the whole map" }).last().click();
+  await expect(page.getByText("The map is out of view")).toBeHidden();
+  await open(page, `#/maps/${roomMap()}?opacity=0&show=none`);
+  await page.getByRole("button", { name: "Show the colours" }).click();
+  await expect(page.getByText("Everything is hidden")).toBeHidden();
+  await expect(page).not.toHaveURL(/opacity/);
+});
+
+test("on a narrow screen the answer stands on the map, too", async ({ page }) => {
+  await page.setViewportSize({ width: 390, height: 844 });
+  await openMap(page, "?at=2,2");
+  await expect(page.locator(".answer").first()).toContainText("Distance");
+  await expect(page.locator(".readout")).toHaveText(/m ± .* mm/);
+  await expect(page.locator(".readout")).toBeInViewport();
 });
 
 test("outside the map it says so", async ({ page }) => {

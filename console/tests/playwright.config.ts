@@ -1,4 +1,5 @@
-// The console in a browser, before a real service. `MAPFIT_URL` names a running one; else `MAPFIT_BINARY` is started.
+// The console in a browser, before the real binary: `MAPFIT_BINARY`, or what `cargo build --release` made. `MAPFIT_URL`
+// names a service that runs already.
 
 import { existsSync } from "node:fs";
 import { defineConfig } from "@playwright/test";
@@ -8,19 +9,29 @@ const browsers = [process.env["CHROMIUM"], "/usr/bin/chromium", "/usr/bin/chromi
 export default defineConfig({
   testDir: ".",
   outputDir: "results",
-  timeout: 60_000,
-  // Jobs take turns at the service's workers.
+  // Machines that test are slow and busy: what is awaited has time to come, and nothing is tried twice.
+  timeout: 120_000,
+  expect: { timeout: 30_000 },
+  retries: 0,
   workers: 1,
   fullyParallel: false,
   forbidOnly: Boolean(process.env["CI"]),
   reporter: [["list"]],
   globalSetup: "./setup.ts",
+  projects: [
+    { name: "console", testIgnore: "pace.spec.ts" },
+    // Waits for a building's fit, which runs beside the others.
+    { name: "pace", testMatch: "pace.spec.ts", dependencies: [] },
+  ],
   use: {
     launchOptions: {
       executablePath: browsers.find((path) => path && existsSync(path)) ?? "chromium",
-      args: ["--no-sandbox"],
+      // Root may not have Chromium's sandbox, containers hardly any /dev/shm, and neither a GPU.
+      args: ["--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu"],
     },
     viewport: { width: 1280, height: 800 },
-    trace: "retain-on-failure",
+    // Nothing fades in or glides: what is looked at is there.
+    contextOptions: { reducedMotion: "reduce" },
+    screenshot: "only-on-failure",
   },
 });

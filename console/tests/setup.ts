@@ -1,82 +1,69 @@
-// Starts what the tests need: a service with its own data, and in front of it the built console where the service does not
-// bring it itself. Fills it with maps and jobs once.
+// What all tests share: a service with maps in it, among them, where the recordings are there, a real building's. Its fit takes a
+// minute, so it begins here and the test that needs it comes last.
 
-import { spawn } from "node:child_process";
-import { mkdtempSync, rmSync } from "node:fs";
-import { createServer } from "node:net";
-import { tmpdir } from "node:os";
-import { join } from "node:path";
+import { readFileSync } from "node:fs";
+import { join, resolve } from "node:path";
+import { gunzipSync } from "node:zlib";
+import { parseCarmen } from "../src/scan/carmen";
+import { ask, finished } from "./api";
 import { room } from "./room";
+import { Service, consoleOf } from "./service";
 
-const ROOT = join(import.meta.dirname, "..");
+const REPOSITORY = join(import.meta.dirname, "../..");
 
 export default async function setup(): Promise<() => Promise<void>> {
-  const ends: (() => void | Promise<void>)[] = [];
-  const service = process.env["MAPFIT_URL"] ?? (await start(ends));
-  process.env["SERVICE"] = service;
-  const page = await (await fetch(service)).text();
-  process.env["CONSOLE"] = page.includes("assets/index-") ? service : await serveDist(service, ends);
-  process.env["ROOM_MAP"] = await fit(service, room({ name: "room", labels: { site: "test" } }));
-  process.env["OTHER_MAP"] = await fit(service, room({ name: "room, moved", door: true, labels: { site: "test" } }));
-  return async () => {
-    for (const end of ends.reverse()) await end();
+  const own = process.env["MAPFIT_URL"] ? null : await Service.start("--workers", "2");
+  const ends: (() => unknown)[] = [() => own?.end()];
+  const end = async () => {
+    for (const one of ends.reverse()) await one();
   };
-}
-
-async function start(ends: (() => void)[]): Promise<string> {
-  const binary = process.env["MAPFIT_BINARY"] ?? join(ROOT, "../target/release/mapfit");
-  const data = mkdtempSync(join(tmpdir(), "mapfit-console-"));
-  const port = await freePort();
-  const child = spawn(binary, ["serve", "--listen", `127.0.0.1:${port}`, "--data", data, "--workers", "1"], {
-    stdio: "ignore",
-  });
-  ends.push(() => {
-    child.kill();
-    rmSync(data, { recursive: true, force: true });
-  });
-  const url = `http://127.0.0.1:${port}`;
-  for (let attempt = 0; attempt < 100; attempt += 1) {
-    if (
-      await fetch(`${url}/readyz`).then(
-        (answer) => answer.ok,
-        () => false,
-      )
-    )
-      return url;
-    await new Promise((resolve) => setTimeout(resolve, 100));
+  try {
+    const service = process.env["MAPFIT_URL"] ?? (own as Service).url;
+    process.env["SERVICE"] = service;
+    process.env["CONSOLE"] = await consoleOf(service, ends);
+    process.env["INTEL_JOB"] = await intel(service);
+    const labels = { site: "test" };
+    const bare = await submit(service, room({ name: "room", labels }));
+    const door = await submit(service, room({ name: "room, moved", door: true, labels }));
+    process.env["ROOM_MAP"] = await finished(service, bare);
+    process.env["OTHER_MAP"] = await finished(service, door);
+    Object.assign(process.env, await grown(service, process.env["ROOM_MAP"], process.env["OTHER_MAP"]));
+  } catch (error) {
+    await end();
+    throw error;
   }
-  throw new Error(`${binary} did not get ready; set MAPFIT_BINARY or MAPFIT_URL`);
+  return end;
 }
 
-async function serveDist(service: string, ends: (() => void | Promise<void>)[]): Promise<string> {
-  process.env["MAPFIT_URL"] = service;
-  const { preview } = await import("vite");
-  const server = await preview({
-    root: join(ROOT, "src"),
-    configFile: join(ROOT, "vite.config.ts"),
-    preview: { port: await freePort(), strictPort: true },
-  });
-  ends.push(() => server.close());
-  return (server.resolvedUrls?.local[0] ?? "").replace(/\/$/, "");
+/** A later version of a map, and two maps joined. */
+async function grown(service: string, map: string, other: string): Promise<Record<string, string>> {
+  const { scans, noise } = room({ name: "", door: true });
+  const update = { name: "room, later", scans, noise };
+  const guess = { x: 0.05, y: 0, theta: 0 };
+  const join = { name: "joined", maps: [{ id: map }, { id: other, pose: guess }], map: { resolution: 0.25 } };
+  const [later, joined] = await Promise.all([
+    ask<{ id: string }>(service, "POST", `/v1/maps/${map}/updates`, update),
+    ask<{ id: string }>(service, "POST", "/v1/joins", join),
+  ]);
+  return { LATER_MAP: await finished(service, later.id), JOINED_MAP: await finished(service, joined.id) };
 }
 
-/** A job's map, once it is there. */
-async function fit(service: string, job: object): Promise<string> {
-  const init = { method: "POST", body: JSON.stringify(job), headers: { "content-type": "application/json" } };
-  const { id } = (await (await fetch(`${service}/v1/jobs`, init)).json()) as { id: string };
-  const done = (await (await fetch(`${service}/v1/jobs/${id}?wait=60`)).json()) as {
-    map_id: string | null;
-    problem: unknown;
-  };
-  if (!done.map_id) throw new Error(`the example made no map: ${JSON.stringify(done.problem)}`);
-  return done.map_id;
+async function submit(service: string, job: object): Promise<string> {
+  return (await ask<{ id: string }>(service, "POST", "/v1/jobs", job)).id;
 }
 
-function freePort(): Promise<number> {
-  return new Promise((resolve) => {
-    const server = createServer().listen(0, "127.0.0.1", () => {
-      const address = server.address();
-      server.close(() => resolve(typeof address === "object" && address ? address.port : 0));
-    });
-  });
+/** The job of the Intel log; empty without recordings, which CI has. */
+async function intel(service: string): Promise<string> {
+  const recordings = process.env["MAPFIT_RECORDINGS"];
+  if (!recordings) {
+    if (process.env["CI"]) throw new Error("MAPFIT_RECORDINGS does not say where the recordings are");
+    return "";
+  }
+  // Relative to the repository, as for the service's own tests.
+  process.env["MAPFIT_RECORDINGS"] = resolve(REPOSITORY, recordings);
+  const scans = parseCarmen(
+    gunzipSync(readFileSync(resolve(REPOSITORY, recordings, "intel.flaser.log.gz"))).toString(),
+  );
+  const noise = { sigma_x: 0.02, sigma_y: 0.02, sigma_theta: 0.005, sigma_range: 0.02 };
+  return submit(service, { name: "intel", scans, noise, map: { distance: "vdf", resolution: 0.25 } });
 }

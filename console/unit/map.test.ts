@@ -1,3 +1,4 @@
+import { paddingBeside } from "../src/map/canvas";
 import { describe, expect, test } from "vitest";
 import { ticksOf } from "../src/map/legend";
 import { linesOf } from "../src/map/overlays/geometry";
@@ -65,4 +66,16 @@ test("polygons are rings, holes included", () => {
   ];
   expect(linesOf({ type: "MultiPolygon", coordinates: [[ring, ring], [ring]] })).toHaveLength(3);
   expect(linesOf({ type: "Point", coordinates: [0, 0] })).toEqual([]);
+});
+
+test("a map is fitted beside the legend where it would lie under it, unless it got much smaller", () => {
+  const plain = [24, 24, 24, 24];
+  const legend = [240, 140];
+  // Wide: the legend lies above it. Tall: beside it. Nearly square: below the legend.
+  expect(paddingBeside(legend, [900, 750], [80, 20])).toEqual(plain);
+  expect(paddingBeside(legend, [900, 750], [20, 80])).toEqual(plain);
+  expect(paddingBeside(legend, [900, 750], [8, 6])).toEqual([164, 24, 24, 24]);
+  expect(paddingBeside(legend, [1400, 750], [10, 7])).toEqual([24, 264, 24, 24]);
+  expect(paddingBeside([0, 0], [390, 500], [8, 6])).toEqual(plain);
+  expect(paddingBeside([300, 400], [400, 500], [8, 8])).toEqual(plain);
 });

@@ -1,6 +1,7 @@
 import { expect, test } from "vitest";
 import { curlLine, pythonLine } from "../src/kit/downloads";
 import { bytes, coordinate, duration, length } from "../src/kit/format";
+import { brief } from "../src/map/answer";
 import { fileName } from "../src/map/files";
 import { of } from "../src/service/abilities";
 import { latticeOf } from "../src/submit/estimate";
@@ -18,6 +19,13 @@ test("lengths have the unit that fits", () => {
   expect(coordinate(-0.0001)).toBe("0.000");
   expect([900, 64 * 1024 ** 2].map(bytes)).toEqual(["900 bytes", "64.0 MiB"]);
   expect([3.21, 59, 125, 7260].map(duration)).toEqual(["3.2 s", "59 s", "2 min 5 s", "2 h 1 min"]);
+});
+
+test("an answer in a few words", () => {
+  const answer = { at: [0, 0] as [number, number], gradient: null, nearest: null, clearance: null };
+  expect(brief({ ...answer, distance: -1.2, sigma: 0.0066, observed: true })).toBe("\u22121.200 m ± 6.6 mm");
+  expect(brief({ ...answer, distance: 1.2, sigma: null, observed: false })).toBe("1.200 m, unseen");
+  expect(brief({ ...answer, distance: null, sigma: null, observed: null })).toBe("outside this map");
 });
 
 test("lines to copy never hold a key", () => {

@@ -76,10 +76,17 @@ export class AnswerPanel {
     } catch (error) {
       if (isAbort(error)) return;
       this.shown = "";
-      this.found({ at, distance: null, sigma: null, gradient: null, nearest: null, clearance: null, observed: null });
+      this.found({ at, distance: null, sigma: null, gradient: null, nearest: null, clearance: null, observed: false });
       this.element.replaceChildren(problemNotice(error, () => void this.ask(at, kind)));
     }
   }
+}
+
+/** The answer in a few words, for the map's edge. */
+export function brief({ distance, sigma, observed }: Answer): string {
+  if (observed === null) return "outside this map";
+  if (distance === null) return "";
+  return `${length(distance)}${sigma === null ? "" : ` ± ${length(sigma)}`}${observed ? "" : ", unseen"}`;
 }
 
 export function describe(answer: Answer, kind: Kind): HTMLElement[] {

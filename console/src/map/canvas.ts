@@ -2,7 +2,7 @@
 
 import Map from "ol/Map";
 import View from "ol/View";
-import { type Extent, getCenter } from "ol/extent";
+import { type Extent, getCenter, intersects } from "ol/extent";
 import { defaults } from "ol/interaction/defaults";
 import type BaseLayer from "ol/layer/Base";
 import { make } from "../kit/element";
@@ -14,6 +14,30 @@ import type { Camera } from "./view";
 /** Metres a pixel, at the finest. */
 const FINEST = 0.0005;
 const PADDING = 24;
+
+/** A map is fitted beside what lies over the corner as long as it gets no smaller than by this. */
+const SMALLER = 1.35;
+
+/**
+ * Space around a fitted extent (top, right, bottom, left), so that what covers the upper right corner covers none of it: to its
+ * left or below it, whichever leaves the map larger.
+ */
+export function paddingBeside(corner: number[], view: number[], size: number[]): [number, number, number, number] {
+  const [cornerWidth = 0, cornerHeight = 0] = corner;
+  const [width = 1, height = 1] = view;
+  const [w = 1, h = 1] = size;
+  const resolution = (right: number, top: number) =>
+    Math.max(w / (width - right - PADDING), h / (height - top - PADDING));
+  const plain = resolution(PADDING, PADDING);
+  const free = (width + w / plain) / 2 < width - cornerWidth || (height - h / plain) / 2 > cornerHeight;
+  const beside = resolution(cornerWidth + PADDING, PADDING);
+  const below = resolution(PADDING, cornerHeight + PADDING);
+  const best = Math.min(beside, below);
+  if (cornerWidth === 0 || free || !(best > 0) || best > SMALLER * plain) return [PADDING, PADDING, PADDING, PADDING];
+  return beside < below
+    ? [PADDING, cornerWidth + PADDING, PADDING, PADDING]
+    : [cornerHeight + PADDING, PADDING, PADDING, PADDING];
+}
 
 export interface Watching {
   clicked?(point: Point): void;
@@ -35,6 +59,8 @@ export class Canvas {
     private readonly extent: Extent,
     label: string,
     watching: Watching,
+    /** Width and height of what lies over the upper right corner, pixels. */
+    private readonly corner: () => [number, number] = () => [0, 0],
   ) {
     this.target = make("div", {
       class: "map",
@@ -85,6 +111,11 @@ export class Canvas {
     return { center: [x, y], resolution: this.view.getResolution() ?? 1 };
   }
 
+  /** Whether any of what there is lies in view. */
+  get inView(): boolean {
+    return intersects(this.view.calculateExtent(this.map.getSize()), this.extent);
+  }
+
   /** Looks from there, or at the whole. */
   look(camera: Camera | null): void {
     if (!camera) return this.fit();
@@ -99,7 +130,8 @@ export class Canvas {
 
   fit(): void {
     this.map.updateSize();
-    this.view.fit(this.extent, { padding: [PADDING, PADDING, PADDING, PADDING], duration: 0 });
+    const padding = paddingBeside(this.corner(), this.map.getSize() ?? [], sizeOf(this.extent));
+    this.view.fit(this.extent, { padding, duration: 0 });
   }
 
   zoom(by: number): void {

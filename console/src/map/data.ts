@@ -2,7 +2,6 @@
 
 import { credentials } from "../service/key";
 import { getPoses } from "../service/maps";
-import { jobPath } from "../service/jobs";
 import { Problem } from "../service/problem";
 import type { FittedPoses, MapRecord } from "../service/types";
 import type { Returns } from "../scan/returns";
@@ -39,14 +38,19 @@ export class MapData {
     const stop = () => worker.terminate();
     this.signal.addEventListener("abort", stop, { once: true });
     try {
-      const url = new URL(`${jobPath(this.record.job_id)}/request`, location.href).href;
       const found = await new Promise<Found>((resolve, reject) => {
         worker.onmessage = ({ data }: MessageEvent<Found>) => resolve(data);
         worker.onerror = () =>
           reject(new Problem(-1, "The returns cannot be read", "The browser could not start a worker."));
-        worker.postMessage({ url, headers: credentials(), poses } satisfies Wanted);
+        const { job_id: job, parent = null } = this.record;
+        const service = location.origin;
+        worker.postMessage({ service, headers: credentials(), job, parent, poses } satisfies Wanted);
       });
       if (found.returns) return { returns: found.returns, fitted: found.fitted ?? false };
+      if (found.entangled) {
+        const detail = "The maps it was joined of share scans: open one of them for its returns.";
+        throw new Problem(-1, "No returns to draw", detail);
+      }
       if (found.status === 404) throw new Problem(404, "No returns to draw", "The request of this map's job is gone.");
       throw found.status
         ? new Problem(found.status, "The returns were not answered", `Answer ${found.status}.`)

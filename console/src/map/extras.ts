@@ -2,12 +2,13 @@
 
 import { theme } from "../kit/theme";
 import { count } from "../kit/format";
-import { getChanges } from "../service/maps";
+import { type Features, getChanges } from "../service/maps";
 import { Problem, isAbort } from "../service/problem";
-import type { MapRecord } from "../service/types";
+import type { Frame, MapRecord } from "../service/types";
 import { MapData } from "./data";
 import { Changes } from "./overlays/changes";
 import { PosesOverlay } from "./overlays/poses";
+import { FramesOverlay } from "./overlays/frames";
 import { ReturnsOverlay } from "./overlays/returns";
 import { inks } from "./palette";
 import type { Panel } from "./panel";
@@ -18,6 +19,7 @@ export class Extras {
   private readonly returns = new ReturnsOverlay(() => inks(theme()));
   private readonly poses: PosesOverlay;
   private readonly changes: Changes;
+  private readonly frames = new FramesOverlay(() => inks(theme()));
   /** What each overlay was last asked for, so that nothing is asked twice. */
   private readonly asked = new Map<Overlay, string>();
 
@@ -33,12 +35,18 @@ export class Extras {
   }
 
   get layers() {
-    return [this.returns.picture.layer, this.poses.picture.layer, this.changes.picture.layer];
+    return [this.returns, this.poses, this.changes, this.frames].map(({ picture }) => picture.layer);
   }
 
   /** In other colours: the theme changed. */
   renew(): void {
-    for (const { picture } of [this.returns, this.poses, this.changes]) picture.renew();
+    for (const { picture } of [this.returns, this.poses, this.changes, this.frames]) picture.renew();
+  }
+
+  /** Where the maps that were joined lie. */
+  setFrames(frames: Frame[]): void {
+    this.frames.set(frames);
+    this.panel.note("frames", String(frames.length));
   }
 
   show(view: View): void {
@@ -46,6 +54,7 @@ export class Extras {
     this.returns.picture.layer.setVisible(view.overlays.has("returns"));
     this.poses.picture.layer.setVisible(view.overlays.has("poses"));
     this.changes.picture.layer.setVisible(changes);
+    this.frames.picture.layer.setVisible(view.overlays.has("frames"));
     if (view.overlays.has("returns")) {
       void this.once("returns", "", async () => {
         const { returns, fitted } = await this.data.returns();
@@ -65,7 +74,7 @@ export class Extras {
       void this.once("changes", since, async () => {
         const found = await getChanges(this.record.id, since, this.signal);
         this.changes.set(found);
-        return found.features.length === 0 ? "none" : count(found.features.length);
+        return inWords(found);
       });
     }
   }
@@ -84,4 +93,16 @@ export class Extras {
       this.panel.note(overlay, `${problem.title}: ${problem.detail} Take the tick away and set it again to retry.`);
     }
   }
+}
+
+/** How much appeared and vanished. */
+function inWords({ features }: Features): string {
+  const parts = ["appeared", "vanished"].flatMap((role) => {
+    const areas = features
+      .filter(({ properties }) => properties.role === role)
+      .map(({ properties }) => properties.area);
+    const area = areas.reduce((sum: number, one) => sum + (one ?? 0), 0);
+    return areas.length > 0 ? [`${count(areas.length)} ${role}, ${area.toFixed(2)} m²`] : [];
+  });
+  return parts.join("; ") || "none beyond both maps' uncertainty";
 }

@@ -15,14 +15,16 @@ export function facts(map: MapRecord): HTMLElement {
     `${width.toFixed(1)} × ${height.toFixed(1)} m, ${distance}, a control point every ${lattice.resolution} m`,
     `${counted(fit.observations, "return")}; fitted in ${duration(fit.seconds)}`,
   ];
-  const links = [make("a", { href: href(["jobs", map.job_id]) }, "its job")];
-  if (map.parent)
-    links.push(make("a", { href: href(["maps", map.parent]) }, `the version before (${(map.version ?? 2) - 1})`));
   return make(
     "div",
     { class: "map-facts" },
     ...line.map((text) => make("p", {}, text)),
-    make("p", {}, `${moment(map.created)}: `, ...links.flatMap((link, k) => (k > 0 ? [", ", link] : [link]))),
+    make(
+      "p",
+      {},
+      `Version ${map.version ?? 1}, ${moment(map.created)}: `,
+      make("a", { href: href(["jobs", map.job_id]) }, "its job"),
+    ),
     fit.converged
       ? null
       : notice({

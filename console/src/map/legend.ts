@@ -15,6 +15,8 @@ export interface Shown {
   overlays: Set<Overlay>;
   /** How much larger than life poses' ellipses are drawn; null without any. */
   enlarged: number | null;
+  /** The same of located scans. */
+  located: number | null;
 }
 
 const TITLES: Record<Layer, string> = {
@@ -23,6 +25,9 @@ const TITLES: Record<Layer, string> = {
   occupancy: "Probability of a surface",
   clearance: "Clearance: to a surface or unseen space",
 };
+
+/** Height of a legend with colours and one line, pixels. */
+const LEAST = 130;
 
 export class Legend {
   private readonly title = make("summary", {});
@@ -35,6 +40,14 @@ export class Legend {
   );
   private shown = "";
 
+  /** Width and height that it covers of the map's upper right corner; nothing where it lies below the map. */
+  covers(): [number, number] {
+    if (getComputedStyle(this.element).position !== "absolute") return [0, 0];
+    const { offsetWidth, offsetHeight, offsetTop } = this.element;
+    // Before its colours are known it is smaller than it is going to be.
+    return [offsetWidth + offsetTop, Math.max(offsetHeight, LEAST) + offsetTop];
+  }
+
   show(shown: Shown): void {
     const state = JSON.stringify([shown, [...shown.overlays], theme()]);
     if (state === this.shown) return;
@@ -44,6 +57,7 @@ export class Legend {
     const ticks = make("div", { class: "ticks" }, ...ticksOf(shown).map((text) => make("span", {}, text)));
     const kind = shown.layer === "sigma" ? ` (${shown.kind})` : "";
     const lines = [...shown.overlays].map((overlay) => line(overlay, theme(), shown.enlarged));
+    if (shown.located !== null) lines.push(locatedLine(theme(), shown.located));
     write(this.title, TITLES[shown.layer] + kind);
     this.content.replaceChildren(bar, ticks, ...lines, make("p", { class: "note" }, "No colour: nobody looked there."));
   }
@@ -60,25 +74,33 @@ export function ticksOf({ layer, distance, max }: Pick<Shown, "layer" | "distanc
   return ["0", text(max / 2), `≥ ${text(max)} ${unit}`];
 }
 
+function swatch(name: string, colour: string): HTMLElement {
+  const element = make("span", { class: `swatch ${name}`, "aria-hidden": "true" });
+  element.style.color = colour;
+  return element;
+}
+
+function ellipse(times: number): string {
+  return times === 1 ? ", 2σ ellipse" : `, 2σ ellipse drawn ${times} times as large`;
+}
+
+function locatedLine(theme: Theme, times: number): HTMLElement {
+  return make("p", {}, swatch("dot", inks(theme).place), `located scan, its returns${ellipse(times)}`);
+}
+
 function line(overlay: Overlay, theme: Theme, enlarged: number | null): HTMLElement {
   const ink = inks(theme);
   const [r, g, b] = ink.returns;
-  const swatch = (name: string, colour: string) => {
-    const element = make("span", { class: `swatch ${name}`, "aria-hidden": "true" });
-    element.style.color = colour;
-    return element;
-  };
   switch (overlay) {
     case "contour":
       return make("p", {}, swatch("stroke", ink.contour), "surface ", swatch("area", ink.band), "within 2σ");
     case "returns":
       return make("p", {}, swatch("dot", `rgb(${r} ${g} ${b})`), "returns");
-    case "poses": {
-      const size =
-        enlarged === null ? "" : enlarged === 1 ? ", 2σ ellipse" : `, 2σ ellipse drawn ${enlarged} times as large`;
-      return make("p", {}, swatch("dot", ink.poses), `pose${size}`);
-    }
+    case "poses":
+      return make("p", {}, swatch("dot", ink.poses), `pose${enlarged === null ? "" : ellipse(enlarged)}`);
     case "changes":
       return make("p", {}, swatch("area", ink.appeared), "appeared ", swatch("area", ink.vanished), "vanished");
+    case "frames":
+      return make("p", {}, swatch("stroke", ink.mark), "frames of the joined maps");
   }
 }

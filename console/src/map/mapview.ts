@@ -1,21 +1,25 @@
 // The map and what lies beside it. The view is the address's: controls change the address, and the address the view.
 
 import { downloadList } from "../kit/downloads";
-import { make } from "../kit/element";
+import { make, write } from "../kit/element";
 import { onTheme, theme } from "../kit/theme";
 import { jobName } from "../jobs/actions";
 import { heading } from "../route/router";
 import type { Abilities } from "../service/abilities";
-import { listMaps } from "../service/maps";
+import { getFrames, listMaps } from "../service/maps";
 import { Problem, isAbort } from "../service/problem";
-import type { MapRecord, Point } from "../service/types";
-import { AnswerPanel } from "./answer";
+import type { Frame, MapRecord, Point } from "../service/types";
+import { AnswerPanel, brief } from "./answer";
 import { Canvas } from "./canvas";
 import { Comparison } from "./compare";
 import { Extras } from "./extras";
 import { facts } from "./facts";
 import { filesOf } from "./files";
 import { Legend } from "./legend";
+import { Lineage } from "./lineage";
+import { LocatedOverlay } from "./locate/overlay";
+import { LocatePanel } from "./locate/panel";
+import type { Located } from "./locate/sighting";
 import { MarksOverlay } from "./overlays/marks";
 import { inks } from "./palette";
 import { Panel } from "./panel";
@@ -24,7 +28,7 @@ import { type Scales, scalesOf } from "./scale";
 import { ScaleBar, zoomButtons } from "./scalebar";
 import { Sheet } from "./sheet";
 import { State } from "./state";
-import { type View, hrefOf } from "./view";
+import { type Camera, type View, hrefOf } from "./view";
 
 export class MapView {
   readonly element = make("div", { class: "map-view" });
@@ -43,8 +47,16 @@ export class MapView {
   private readonly panel: Panel;
   private readonly answer: AnswerPanel;
   private readonly downloads = make("div", {});
+  /** The answer again, where the panel lies below the screen's edge; read out is the panel's. */
+  private readonly readout = make("p", { class: "readout", "aria-hidden": "true" });
+  private readonly lineage: Lineage;
+  private readonly located: LocatedOverlay;
+  private readonly locate: LocatePanel | null;
   private scales: Scales | null = null;
-  private enlarged: number | null = null;
+  /** How much larger than life ellipses are drawn: of the map's poses, of located scans. */
+  private readonly enlarged: { poses: number | null; located: number | null } = { poses: null, located: null };
+  private others: MapRecord[] = [];
+  private frames: Frame[] = [];
 
   constructor(
     private readonly record: MapRecord,
@@ -54,28 +66,42 @@ export class MapView {
   ) {
     const go = (change: Partial<View>) => this.go(change);
     this.sheet = new Sheet(record, this.state, signal);
-    this.canvas = new Canvas(this.sheet.extent, `Map ${jobName(record)}`, {
-      clicked: (point) => this.clicked(point),
-      pointed: (point) => this.scaleBar.point(point),
-      rested: (camera) => this.rested(camera),
-      moved: (resolution) => this.scaleBar.show(resolution),
-    });
+    const watching = {
+      clicked: (point: Point) => this.clicked(point),
+      pointed: (point: Point | null) => this.scaleBar.point(point),
+      rested: (camera: Camera) => this.rested(camera),
+      moved: (resolution: number) => this.scaleBar.show(resolution),
+    };
+    this.canvas = new Canvas(this.sheet.extent, `Map ${jobName(record)}`, watching, () => this.legend.covers());
     this.answer = new AnswerPanel(
       record.id,
-      (answer) => this.marks.point(answer),
+      (answer) => {
+        this.marks.point(answer);
+        write(this.readout, answer ? brief(answer) : "");
+      },
       () => go({ at: null }),
     );
     const changes = able?.has("get", "/v1/maps/{id}/changes") ?? false;
     this.panel = new Panel({ go, opacity: (opacity) => this.fade(opacity) }, { changes });
-    this.extras = new Extras(record, this.panel, signal, (times) => {
-      this.enlarged = times;
+    const enlarged = (what: "poses" | "located") => (times: number | null) => {
+      this.enlarged[what] = times;
       this.showLegend();
-    });
+    };
+    this.extras = new Extras(record, this.panel, signal, enlarged("poses"));
+    this.lineage = new Lineage(record);
+    this.located = new LocatedOverlay(enlarged("located"));
+    const wishes = {
+      draw: (located: Located[]) => this.located.show(located),
+      look: (at: Point) => this.canvas.look({ ...this.canvas.camera, center: at }),
+      kind: () => this.view.kind,
+    };
+    const locates = able?.has("post", "/v1/maps/{id}/localize") ?? false;
+    this.locate = locates ? new LocatePanel(record.id, wishes, signal) : null;
     this.comparison = new Comparison(this.canvas, this.sheet, this.state, signal, {
       moved: (swipe) => go({ swipe }),
       arrived: () => this.show(),
     });
-    this.canvas.add(...this.sheet.layers, ...this.extras.layers, this.marks.picture.layer);
+    this.canvas.add(...this.sheet.layers, ...this.extras.layers, ...this.located.layers, this.marks.picture.layer);
     this.lay();
     onTheme(() => this.renew(), signal);
   }
@@ -86,6 +112,7 @@ export class MapView {
     this.scaleBar.show(this.canvas.camera.resolution);
     void this.chooseScales();
     void this.listOthers();
+    void this.listFrames();
     this.show();
   }
 
@@ -103,7 +130,13 @@ export class MapView {
   /** What lies over the map, and what stands beside it. */
   private lay(): void {
     const { canvas, legend, record } = this;
-    const over = [zoomButtons(canvas), this.ruler.tools.element, this.scaleBar.element, this.state.element];
+    const over = [
+      zoomButtons(canvas),
+      this.ruler.tools.element,
+      this.scaleBar.element,
+      this.readout,
+      this.state.element,
+    ];
     canvas.element.append(...over);
     const section = (title: string, ...content: HTMLElement[]) =>
       make("section", {}, make("h2", {}, title), ...content);
@@ -116,6 +149,8 @@ export class MapView {
         facts(record),
         section("Point", this.answer.element, this.ruler.element),
         section("View", this.panel.element),
+        this.lineage.element,
+        ...(this.locate ? [section("Locate scans", this.locate.element)] : []),
         section("Downloads", this.downloads),
       ),
     );
@@ -130,10 +165,33 @@ export class MapView {
     if (this.signal.aborted) return;
     this.view = { ...this.view, camera };
     history.replaceState(null, "", hrefOf(this.record.id, this.view));
+    this.sayWhyEmpty();
   }
 
   private clicked(point: Point): void {
     if (!this.ruler.takes(point)) this.go({ at: point });
+  }
+
+  private sayWhyEmpty(): void {
+    const { opacity, overlays, compare } = this.view;
+    const shown = opacity > 0 || [...overlays].some((one) => one !== "changes" || compare !== null);
+    if (!this.canvas.inView) {
+      this.state.empty({
+        title: "The map is out of view",
+        detail: "Everything that was scanned lies elsewhere.",
+        step: "Show the whole map",
+        act: () => this.canvas.fit(),
+      });
+    } else if (!shown) {
+      this.state.empty({
+        title: "Everything is hidden",
+        detail: "The colours are transparent, and nothing is drawn over them.",
+        step: "Show the colours",
+        act: () => this.go({ opacity: 1 }),
+      });
+    } else {
+      this.state.empty(null);
+    }
   }
 
   private fade(opacity: number): void {
@@ -152,12 +210,31 @@ export class MapView {
   private async listOthers(): Promise<void> {
     const page = await listMaps({ limit: 200 }, this.signal).catch(() => null);
     const others = page?.items.filter((map) => map.id !== this.record.id);
-    if (others) this.panel.others(others, this.view.compare);
+    if (!others) return;
+    this.others = others;
+    this.panel.others(others, this.view.compare);
+    this.lineage.showVersions(others, this.view);
+    this.lineage.showFrames(this.frames, others);
+  }
+
+  /** Only a map that was joined has any. */
+  private async listFrames(): Promise<void> {
+    if (!this.able?.has("get", "/v1/maps/{id}/frames")) return;
+    const frames = await getFrames(this.record.id, this.signal).then(
+      ({ frames }) => frames,
+      () => [],
+    );
+    if (frames.length === 0) return;
+    this.frames = frames;
+    this.panel.offerFrames();
+    this.extras.setFrames(frames);
+    this.lineage.showFrames(frames, this.others);
+    this.listDownloads();
   }
 
   /** In other colours: tiles have their theme in their address, what is drawn here is drawn anew. */
   private renew(): void {
-    for (const part of [this.sheet, this.comparison.sheet, this.extras]) part?.renew();
+    for (const part of [this.sheet, this.comparison.sheet, this.extras, this.located]) part?.renew();
     this.marks.picture.renew();
     this.show();
   }
@@ -174,6 +251,8 @@ export class MapView {
     const { view } = this;
     this.panel.show(view);
     this.extras.show(view);
+    this.sayWhyEmpty();
+    this.lineage.showVersions(this.others, view);
     this.listDownloads();
     if (view.at) void this.answer.ask(view.at, view.kind);
     else this.answer.clear();
@@ -186,16 +265,20 @@ export class MapView {
 
   private showLegend(): void {
     if (!this.scales) return;
-    const { layer, kind, overlays } = this.view;
+    const { layer, kind, compare } = this.view;
     const { distance } = this.record;
-    this.legend.show({ layer, kind, overlays, distance, max: this.scales[layer], enlarged: this.enlarged });
+    const there = { changes: compare !== null, frames: this.frames.length > 0 };
+    const overlays = new Set([...this.view.overlays].filter((one) => (there as Record<string, boolean>)[one] ?? true));
+    const { poses: enlarged, located } = this.enlarged;
+    this.legend.show({ layer, kind, overlays, distance, max: this.scales[layer], enlarged, located });
   }
 
   /** Made anew only where addresses change, so that what is unfolded stays so. */
   private listDownloads(): void {
-    const { kind } = this.view;
-    if (this.downloads.dataset["kind"] === kind) return;
-    this.downloads.dataset["kind"] = kind;
-    this.downloads.replaceChildren(downloadList(filesOf(this.record, kind, this.able)));
+    const { kind, compare } = this.view;
+    const wanted = { kind, since: compare, joined: this.frames.length > 0 };
+    if (this.downloads.dataset["of"] === JSON.stringify(wanted)) return;
+    this.downloads.dataset["of"] = JSON.stringify(wanted);
+    this.downloads.replaceChildren(downloadList(filesOf(this.record, wanted, this.able)));
   }
 }

@@ -34,9 +34,14 @@ export function colours(layer: Layer, distance: Distance, theme: Theme): string[
 /** What is drawn over the colours. */
 export interface Inks {
   contour: string;
+  /** Around the contour. */
+  rim: string;
   band: string;
   returns: [r: number, g: number, b: number, a: number];
   poses: string;
+  /** Of located scans: returns, poses. */
+  located: [r: number, g: number, b: number, a: number];
+  place: string;
   mark: string;
   halo: string;
   appeared: string;
@@ -47,9 +52,12 @@ export function inks(theme: Theme): Inks {
   return theme === "dark"
     ? {
         contour: "#ffffff",
+        rim: "#000000c0",
         band: "#ff9be099",
         returns: [255, 158, 74, 230],
         poses: "#d6b9ff",
+        located: [126, 255, 150, 235],
+        place: "#7eff96",
         mark: "#ffffff",
         halo: "#000000",
         appeared: "#ff6b6bb0",
@@ -57,9 +65,12 @@ export function inks(theme: Theme): Inks {
       }
     : {
         contour: "#101010",
+        rim: "#ffffffb0",
         band: "#d6009a66",
         returns: [200, 70, 0, 220],
         poses: "#5b2fae",
+        located: [214, 0, 28, 235],
+        place: "#c4001a",
         mark: "#000000",
         halo: "#ffffff",
         appeared: "#d01010a0",

@@ -24,6 +24,7 @@ const WORDS: Record<Layer | Kind | Overlay, string> = {
   returns: "Returns",
   poses: "Poses with ellipses",
   changes: "Changes from the other map",
+  frames: "Frames of the joined maps",
 };
 
 export class Panel {
@@ -44,6 +45,7 @@ export class Panel {
   private readonly opacity = make("input", { type: "range", min: 0, max: 1, step: 0.05, id: "opacity" });
   private readonly compare = make("select", { id: "compare" });
   private overlays = new Set<Overlay>();
+  private joined = false;
   readonly element: HTMLElement;
 
   constructor(
@@ -76,6 +78,7 @@ export class Panel {
     for (const { overlay, input, element } of this.boxes) {
       input.checked = view.overlays.has(overlay);
       if (overlay === "changes") element.hidden = !this.able.changes || !view.compare;
+      if (overlay === "frames") element.hidden = !this.joined;
     }
     this.opacity.value = String(view.opacity);
     this.opacity.setAttribute("aria-valuetext", `${Math.round(view.opacity * 100)} %`);
@@ -92,6 +95,12 @@ export class Panel {
       ...missing,
     );
     this.compare.value = chosen ?? "";
+  }
+
+  /** Offers the frames of a map that was joined. */
+  offerFrames(): void {
+    this.joined = true;
+    for (const { overlay, element } of this.boxes) if (overlay === "frames") element.hidden = false;
   }
 
   /** Says something beside an overlay: loading, or why it is not there. */

@@ -3,7 +3,7 @@
 
 import type { Extent } from "ol/extent";
 import TileLayer from "ol/layer/Tile";
-import ImageTileSource from "ol/source/ImageTile";
+import ImageTileSource, { type Options } from "ol/source/ImageTile";
 import { isStill } from "../kit/theme";
 import { request } from "../service/client";
 import { type TileStyle, tilePath } from "../service/maps";
@@ -16,9 +16,23 @@ export interface TileNews {
   failed(problem: Problem): void;
 }
 
+/**
+ * A source with a key of its own. OpenLayers' queue knows tiles by key and place: without one, a tile of another map or style, or
+ * one that failed, stands in the way of this one.
+ */
+class OwnTiles extends ImageTileSource {
+  private static made = 0;
+
+  constructor(options: Options) {
+    super(options);
+    OwnTiles.made += 1;
+    this.setKey(String(OwnTiles.made));
+  }
+}
+
 export class Tiles {
   readonly layer = new TileLayer<ImageTileSource>({ zIndex: 0, preload: 0 });
-  private shown = "";
+  private style: TileStyle | null = null;
   private underWay = 0;
 
   constructor(
@@ -28,19 +42,18 @@ export class Tiles {
   ) {}
 
   show(style: TileStyle): void {
-    const wanted = JSON.stringify(style);
-    if (wanted === this.shown) return;
-    this.shown = wanted;
+    if (JSON.stringify(style) === JSON.stringify(this.style)) return;
+    this.style = style;
     this.layer.setSource(this.source(style));
   }
 
-  /** Asks again for what failed. */
+  /** Asks again for what failed; a source that is only refreshed may keep its failures. */
   again(): void {
-    this.layer.getSource()?.refresh();
+    if (this.style) this.layer.setSource(this.source(this.style));
   }
 
   private source(style: TileStyle): ImageTileSource {
-    return new ImageTileSource({
+    return new OwnTiles({
       projection: METRES,
       tileGrid: tileGrid(this.extent),
       wrapX: false,

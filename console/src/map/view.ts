@@ -4,8 +4,8 @@ import { type Address, type Query, href } from "../route/address";
 import { LAYERS, type Layer } from "../service/maps";
 import type { Kind, Point } from "../service/types";
 
-export type Overlay = "contour" | "returns" | "poses" | "changes";
-export const OVERLAYS: Overlay[] = ["contour", "returns", "poses", "changes"];
+export type Overlay = "contour" | "returns" | "poses" | "changes" | "frames";
+export const OVERLAYS: Overlay[] = ["contour", "returns", "poses", "changes", "frames"];
 
 /** Where one looks from: the centre, and metres a pixel. */
 export interface Camera {

@@ -1,7 +1,19 @@
 // Maps, as the service knows them.
 
 import { get, request, withQuery } from "./client";
-import type { Answers, FittedPoses, Kind, MapRecord, Page, Point } from "./types";
+import type {
+  Answers,
+  FittedPoses,
+  Frame,
+  Kind,
+  LocatedScan,
+  MapRecord,
+  Noise,
+  Page,
+  Point,
+  Pose,
+  Scan,
+} from "./types";
 
 export function mapPath(id: string): string {
   return `/v1/maps/${encodeURIComponent(id)}`;
@@ -68,4 +80,27 @@ export function getChanges(id: string, since: string, signal: AbortSignal): Prom
 
 export function getPoses(id: string, signal: AbortSignal): Promise<FittedPoses> {
   return get(`${mapPath(id)}/poses`, signal);
+}
+
+/** The frames of a joined map; none of any other. */
+export function getFrames(id: string, signal: AbortSignal): Promise<{ frames: Frame[] }> {
+  return get(`${mapPath(id)}/frames`, signal);
+}
+
+/** What is known of scans that are to be located: a scan's pose is the prior, with the noise's sigmas; null is anywhere. */
+export interface Sighting {
+  scans: (Omit<Scan, "pose"> & { pose: Pose | null })[];
+  noise: Noise;
+  kind: Kind;
+  hypotheses: number;
+}
+
+export async function localize(id: string, sighting: Sighting, signal: AbortSignal): Promise<LocatedScan[]> {
+  const init = {
+    method: "POST",
+    body: JSON.stringify(sighting),
+    headers: { "content-type": "application/json" },
+    signal,
+  };
+  return (await (await request(`${mapPath(id)}/localize`, init)).json()).poses;
 }

@@ -122,6 +122,7 @@ export interface Answers {
 export interface Estimate {
   lattice: Lattice;
   control_points: number;
+  scans?: number;
   returns: number;
   estimate: { seconds: number; bytes: number };
 }
@@ -133,4 +134,25 @@ export interface Place {
   published: string;
   note?: string | null;
   links?: Record<string, string>;
+}
+
+/** Where a scan was taken, as the map has it; no pose where it fits nowhere. */
+export interface LocatedScan {
+  pose: Pose | null;
+  /** Row-major in (x, y, theta), the map's own uncertainty included. */
+  covariance: number[] | null;
+  converged: boolean;
+  used: number;
+  left_out: number;
+  chi_squared: number;
+  degrees_of_freedom: number;
+  hypotheses: { pose: Pose; probability: number }[];
+}
+
+/** Where a map that was joined lies in the joined frame. */
+export interface Frame {
+  map_id: string;
+  pose: Pose;
+  /** Row-major in (x, y, theta); nought of the first, which is held. */
+  covariance: number[];
 }

@@ -3,12 +3,12 @@
 import { make, write } from "../kit/element";
 import { bytes } from "../kit/format";
 import type { Abilities } from "../service/abilities";
-import { dryRun } from "../service/jobs";
 import { Problem, isAbort } from "../service/problem";
-import type { Lattice } from "../service/types";
+import type { Estimate, Lattice } from "../service/types";
 import { latticeOf, sentence } from "./estimate";
-import { LARGEST_JOB } from "./read";
-import type { Reader, Settings, Summary } from "./reader";
+import { LARGEST_JOB } from "../scan/read";
+import type { Settings, Summary } from "./reader";
+import type { Shipment } from "./send";
 
 /** Larger jobs are tried only when someone asks: a trial sends the whole of them. */
 const TRIED_UNASKED = 12 * 1024 ** 2;
@@ -27,42 +27,43 @@ export class Forecast {
   private act: (() => Promise<void>) | null = null;
 
   constructor(
-    private readonly reader: Reader,
+    private readonly pack: () => Promise<Shipment>,
     private readonly able: Abilities | null,
     private readonly signal: AbortSignal,
-    private readonly lattice: (lattice: Lattice | null) => void,
+    private readonly told: { lattice(lattice: Lattice | null): void; estimate(estimate: Estimate): void },
   ) {}
 
   ask(summary: Summary, settings: Settings): void {
     clearTimeout(this.timer);
     this.asking.abort();
     const lattice = latticeOf(summary, settings);
-    this.lattice(lattice);
+    this.told.lattice(lattice);
     write(this.line, sentence(lattice, null));
     this.button.hidden = true;
-    this.timer = setTimeout(() => void this.consider(settings), PAUSE);
+    this.timer = setTimeout(() => void this.consider(), PAUSE);
   }
 
-  private async consider(settings: Settings): Promise<void> {
-    const body = await this.reader.body(settings).catch(() => null);
-    if (!body) return;
-    if (body.size > LARGEST_JOB) {
-      write(this.line, `The job has ${bytes(body.size)}; ${bytes(LARGEST_JOB)} is the limit. Take fewer scans.`);
+  private async consider(): Promise<void> {
+    const shipment = await this.pack().catch(() => null);
+    if (!shipment) return;
+    if (shipment.size > LARGEST_JOB) {
+      write(this.line, `The job has ${bytes(shipment.size)}; ${bytes(LARGEST_JOB)} is the limit. Take fewer scans.`);
       return;
     }
     // A service that knows no dry run would run the job.
     if (!this.able?.takes("post", "/v1/jobs", "dry_run")) return;
-    this.act = () => this.tryOut(body);
-    if (body.size <= TRIED_UNASKED) await this.act();
+    this.act = () => this.tryOut(shipment);
+    if (shipment.size <= TRIED_UNASKED) await this.act();
     else this.button.hidden = false;
   }
 
-  private async tryOut(body: Blob): Promise<void> {
+  private async tryOut(shipment: Shipment): Promise<void> {
     this.button.hidden = true;
     this.asking = new AbortController();
     try {
-      const estimate = await dryRun(body, AbortSignal.any([this.asking.signal, this.signal]));
-      this.lattice(estimate.lattice);
+      const estimate = await shipment.tryOut(AbortSignal.any([this.asking.signal, this.signal]));
+      this.told.lattice(estimate.lattice);
+      this.told.estimate(estimate);
       write(this.line, sentence(estimate.lattice, estimate));
     } catch (error) {
       if (isAbort(error)) return;

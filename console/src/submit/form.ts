@@ -10,7 +10,8 @@ export interface Form {
   element: HTMLElement;
   settings(): Settings;
   selection(): Selection;
-  topics(): Record<string, string>;
+  /** What of a recording is taken: topics and scans. */
+  topics(): Record<string, string | number>;
   /** Shows faults at their fields; gives back those that have none. */
   faults(faults: Fault[]): Fault[];
 }
@@ -45,7 +46,13 @@ export function jobForm(summary: Summary, fileName: string, changed: (selection:
   const chosen = [
     whole("Every so many scans", "/every", 1, 1),
     whole("First scan", "/from", 0, 0),
-    whole("One past the last", "/to", "", 1, `Of ${summary.of}; empty: to the end`),
+    whole(
+      "One past the last",
+      "/to",
+      "",
+      1,
+      kind === "log" ? `Of ${summary.of}; empty: to the end` : "Empty: to the end",
+    ),
   ] as const;
   const topic = [
     field("Scan topic", "/scan_topic", { type: "text" }, "Empty: the only one"),
@@ -66,7 +73,7 @@ export function jobForm(summary: Summary, fileName: string, changed: (selection:
     ...sigmas,
     steps,
     priority,
-    ...(kind === "log" ? chosen : []),
+    ...(kind === "job" ? [] : chosen),
     ...(kind === "recording" ? topic : []),
   ];
   const row = (...fields: readonly Field[]) => make("div", { class: "form-row" }, ...fields.map((one) => one.element));
@@ -78,7 +85,7 @@ export function jobForm(summary: Summary, fileName: string, changed: (selection:
     row(name, tags),
     group("What was scanned", distance.element, row(resolution)),
     group("Noise: standard deviations", row(...sigmas)),
-    kind === "log" ? group("Scans taken", row(...chosen)) : null,
+    kind !== "job" ? group("Scans taken", row(...chosen)) : null,
     kind === "recording" ? group("Topics", row(...topic)) : null,
     make("details", {}, make("summary", {}, "More"), group("Poses", poses.element), row(steps, priority)),
   );
@@ -112,7 +119,8 @@ export function jobForm(summary: Summary, fileName: string, changed: (selection:
   };
   const topics = () => {
     const given = topic.map((one) => [one.pointer.slice(1), one.input.value.trim()] as const);
-    return Object.fromEntries(given.filter(([, value]) => value));
+    const { every, from, to } = selection();
+    return { ...Object.fromEntries(given.filter(([, value]) => value)), every, from, ...(to === null ? {} : { to }) };
   };
   const faults = (faults: Fault[]) => {
     for (const one of all) one.fault(null);

@@ -5,6 +5,7 @@ import "../style/submit.css";
 import "ol/ol.css";
 
 import { make, write } from "../kit/element";
+import { dropZone } from "../kit/drop";
 import { counted } from "../kit/format";
 import { notice, problemNotice, say } from "../kit/notice";
 import { href } from "../route/address";
@@ -12,12 +13,11 @@ import { type Page, heading } from "../route/router";
 import { type Abilities, abilities } from "../service/abilities";
 import { isAbort, Problem } from "../service/problem";
 import type { Job } from "../service/types";
-import { dropZone } from "./drop";
 import { type Form, jobForm } from "./form";
 import { Forecast } from "./forecast";
 import { Preview } from "./preview";
 import { Reader, type Summary } from "./reader";
-import { sendJob, sendRecording } from "./send";
+import { jobShipment, recordingShipment } from "./send";
 
 export function submitPage(): Page {
   const over = new AbortController();
@@ -41,7 +41,15 @@ class SubmitPage {
       "div",
       { class: "page" },
       heading("Submit scans"),
-      dropZone((file) => void this.take(file), signal),
+      dropZone(
+        ".json,.log,.clf,.txt,.gz,.mcap",
+        [
+          "A job as JSON, a CARMEN log (FLASER lines), an MCAP recording; JSON and logs may be gzipped.",
+          ["From a terminal: ", make("code", {}, `mapfit submit FILE --wait --url ${location.origin}`)],
+        ],
+        (file) => void this.take(file),
+        signal,
+      ),
       this.state,
       this.trouble,
       this.stage,
@@ -77,14 +85,19 @@ class SubmitPage {
       write(
         what,
         recording
-          ? `${file.name}: a recording; the service reads it.`
+          ? `${file.name}: a recording, which the service reads. Its returns are drawn on its map.`
           : `${file.name}: ${counted(scans, "scan")}${scans < of ? ` of ${of}` : ""}, ${counted(returns.points.length / 2, "return")}`,
       );
     describe(summary);
-    const forecast = new Forecast(this.reader, this.able, this.signal, (lattice) => this.preview.showLattice(lattice));
+    const pack = async () => (recording ? recordingShipment(file, form) : jobShipment(this.reader, form));
+    const forecast = new Forecast(pack, this.able, this.signal, {
+      lattice: (lattice) => this.preview.showLattice(lattice),
+      estimate: ({ scans = 0, returns }) => {
+        if (recording) write(what, `${file.name}: ${counted(scans, "scan")}, ${counted(returns, "return")}`);
+      },
+    });
     const changed = async (selection: boolean) => {
-      if (recording) return;
-      if (selection) {
+      if (selection && !recording) {
         summary = await this.reader.select(form.selection());
         describe(summary);
         this.preview.show(summary, false);
@@ -102,9 +115,7 @@ class SubmitPage {
       button.disabled = true;
       write(button, "Sending…");
       try {
-        this.sent(
-          recording ? await sendRecording(file, form, idempotency) : await sendJob(this.reader, form, idempotency),
-        );
+        this.sent(await (await pack()).send(idempotency));
       } catch (error) {
         if (!isAbort(error)) this.refused(error, form, outcome);
       }
@@ -122,10 +133,8 @@ class SubmitPage {
     );
     this.stage.replaceChildren(controls, ...(recording ? [] : [this.preview.element]));
     this.stage.classList.toggle("alone", recording);
-    if (!recording) {
-      this.preview.show(summary, true);
-      forecast.ask(summary, form.settings());
-    }
+    if (!recording) this.preview.show(summary, true);
+    forecast.ask(summary, form.settings());
     form.element.querySelector("input")?.focus();
   }
 

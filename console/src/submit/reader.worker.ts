@@ -2,7 +2,7 @@
 
 import { boundsOf, returnsOf } from "../scan/returns";
 import type { Call, Reply, Selection, Settings, Summary } from "./reader";
-import { type Content, FileError, readFile } from "./read";
+import { type Content, FileError, readFile } from "../scan/read";
 
 let content: Content | null = null;
 let selection: Selection = { every: 1, from: 0, to: null };

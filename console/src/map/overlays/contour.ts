@@ -29,9 +29,12 @@ export class Contour {
     inMetres(pen, this.origin);
     context.fillStyle = this.inks().band;
     for (const path of this.band) context.fill(path, "evenodd");
-    context.strokeStyle = this.inks().contour;
     context.lineJoin = "round";
-    context.lineWidth = (1.4 * density) / scale;
-    for (const path of this.level) context.stroke(path);
+    // With a rim: no scale of colours lacks the line's own.
+    for (const [ink, width] of [[this.inks().rim, 3.2] as const, [this.inks().contour, 1.4] as const]) {
+      context.strokeStyle = ink;
+      context.lineWidth = (width * density) / scale;
+      for (const path of this.level) context.stroke(path);
+    }
   }
 }

@@ -6,8 +6,9 @@ import { Picture, type Pen } from "../picture";
 
 /** An ellipse of so many standard deviations. */
 const SIGMAS = 2;
-/** Ellipses that would be smaller than this, in pixels, are drawn ten or a hundred times as large. */
+/** Ellipses that would be smaller than this, in pixels, are drawn so many times as large. */
 const LEGIBLE = 5;
+const ENLARGED = [1, 2, 5, 10, 20, 50, 100];
 
 export interface Ellipse {
   /** Half axes, metres, and the first one's direction. */
@@ -31,13 +32,17 @@ export function ellipseOf(covariance: number[]): Ellipse {
 export class PosesOverlay {
   private poses: { at: Point; theta: number; ellipse: Ellipse | null }[] = [];
   private typical = 0;
-  readonly picture = new Picture((pen) => this.draw(pen), 4);
+  readonly picture: Picture;
 
   constructor(
     private readonly inks: () => Inks,
     /** Told how much larger than life ellipses are drawn; null without any. */
     private readonly enlarged: (times: number | null) => void,
-  ) {}
+    /** Few poses that matter more than those of the fit. */
+    private readonly bold = false,
+  ) {
+    this.picture = new Picture((pen) => this.draw(pen), bold ? 5 : 4);
+  }
 
   set(fitted: FittedPoses, kind: Kind): void {
     this.poses = fitted.poses.map(({ pose, covariance, posterior_covariance }) => {
@@ -51,20 +56,20 @@ export class PosesOverlay {
 
   private draw({ context, width, height, scale, density, pixel }: Pen): void {
     const legible = (times: number) => SIGMAS * this.typical * times * scale >= LEGIBLE * density;
-    const times = [1, 10, 100].find(legible) ?? 100;
+    const times = ENLARGED.find(legible) ?? 100;
     this.enlarged(this.typical > 0 ? times : null);
     const seen = this.poses
       .map((pose) => ({ ...pose, pixel: pixel(pose.at) }))
       .filter(({ pixel: [x, y] }) => x > -50 && y > -50 && x < width + 50 && y < height + 50);
     context.strokeStyle = this.inks().poses;
     context.fillStyle = this.inks().poses;
-    context.lineWidth = density;
+    context.lineWidth = (this.bold ? 2 : 1) * density;
     // Poses never bury the map: where they crowd they are thin.
     const crowded = seen.length > 400;
     context.globalAlpha = crowded ? 0.55 : 0.9;
-    const tick = (crowded ? 6 : 9) * density;
+    const tick = (crowded ? 6 : this.bold ? 13 : 9) * density;
     // One path for all dots and one for all lines: a thousand of them would take ten times as long.
-    const radius = (crowded ? 1.4 : 2.2) * density;
+    const radius = (crowded ? 1.4 : this.bold ? 3.2 : 2.2) * density;
     context.beginPath();
     for (const {
       pixel: [x, y],

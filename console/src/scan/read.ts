@@ -1,7 +1,7 @@
 // What a dropped file is, and its scans. Sizes are checked before anything is read, and again while it is unpacked.
 
 import { bytes } from "../kit/format";
-import { LogError, parseCarmen } from "../scan/carmen";
+import { LogError, parseCarmen } from "./carmen";
 import type { JobRequest, Scan } from "../service/types";
 
 /** What the service takes at most, unpacked. */
@@ -17,7 +17,8 @@ export type Content =
 
 export class FileError extends Error {}
 
-export async function readFile(file: File): Promise<Content> {
+/** `unplaced`: whether scans may have no pose, as those that are to be located. */
+export async function readFile(file: File, unplaced = false): Promise<Content> {
   if (file.size === 0) throw new FileError("The file is empty.");
   const json = /\.json(\.gz)?$/i.test(file.name);
   const limit = json ? LARGEST_JOB : LARGEST_LOG;
@@ -38,7 +39,7 @@ export async function readFile(file: File): Promise<Content> {
     throw new FileError("This is a finished occupancy map. mapfit fits laser scans: a picture has no evidence to fit.");
   }
   const text = await textOf(file, head[0] === 0x1f && head[1] === 0x8b, limit);
-  return /^\s*\{/.test(text.slice(0, 1000)) ? parseJob(text) : { kind: "log", scans: parseLog(text) };
+  return /^\s*\{/.test(text.slice(0, 1000)) ? parseJob(text, unplaced) : { kind: "log", scans: parseLog(text) };
 }
 
 function tooLarge(size: number, limit: number): FileError {
@@ -66,7 +67,7 @@ async function textOf(file: File, packed: boolean, limit: number): Promise<strin
   }
 }
 
-function parseJob(text: string): Content {
+function parseJob(text: string, unplaced: boolean): Content {
   let request: JobRequest;
   try {
     request = JSON.parse(text);
@@ -76,7 +77,8 @@ function parseJob(text: string): Content {
   if (!Array.isArray(request.scans) || request.scans.length === 0) {
     throw new FileError("The file is JSON, but no job: it has no scans. A job is {scans, noise, map}.");
   }
-  const odd = request.scans.findIndex((scan) => !Array.isArray(scan?.ranges) || typeof scan?.pose?.x !== "number");
+  const placed = (scan: Scan) => typeof scan.pose?.x === "number" || (unplaced && !scan.pose);
+  const odd = request.scans.findIndex((scan) => !Array.isArray(scan?.ranges) || !placed(scan));
   if (odd >= 0) throw new FileError(`Scan ${odd} has no ranges or no pose; see the API for what a scan is.`);
   return { kind: "job", request };
 }
