@@ -106,7 +106,8 @@ fn maps_are_updated_and_joined() {
 #[test]
 fn whoever_reads_no_further_hears_no_complaint() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_mapfit"));
-    let mut child = command.args(["completions", "bash"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut child =
+        command.args(["completions", "bash"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     drop(child.stdout.take());
     let ended = child.wait_with_output().unwrap();
     assert_eq!(String::from_utf8_lossy(&ended.stderr), "");

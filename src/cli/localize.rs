@@ -10,16 +10,11 @@ use super::CliError;
 use super::client::{Client, Remote};
 use super::request::{JobOptions, LogOptions, ON_DISK, job_of};
 use super::resources::encoded;
-use crate::geometry::{Bounds, Cov2, Vec2};
-use crate::render::{Axes, Figure, svg_to_png};
+use super::trajectory::{Placed, picture};
+use crate::render::svg_to_png;
 
 /// Scans in a request.
 const AT_ONCE: usize = 50;
-/// The ellipses drawn hold 95 %: the root of the chi squared quantile with two degrees of freedom.
-const ELLIPSE: f64 = 2.448;
-/// The plot's width in pixels, and metres around what it shows.
-const WIDTH: usize = 1200;
-const MARGIN: f64 = 1.0;
 
 #[derive(Debug, Args)]
 pub struct Localize {
@@ -58,7 +53,7 @@ impl Localize {
         let located = self.located(&client, &job)?;
         if let Some(file) = &self.plot {
             let contour = client.get_json(&format!("/v1/maps/{}/contours", encoded(&self.map)))?;
-            let svg = plot(&contour, &located);
+            let svg = picture(&contour, &located);
             let bytes = if file.extension().is_some_and(|e| e == "svg") { svg.into_bytes() } else { svg_to_png(&svg)? };
             std::fs::write(file, bytes).map_err(CliError::io(file.display().to_string()))?;
         }
@@ -104,48 +99,4 @@ fn summary(located: &[Value]) {
         let (used, left_out) = (own["used"].as_u64().unwrap_or(0), own["left_out"].as_u64().unwrap_or(0));
         println!("{k:>5} {x:>9.3} {y:>9.3} {theta:>8.4} {sigma:>8.4} {turn:>8.5}  {used} of {}", used + left_out);
     }
-}
-
-/// A located scan's position and its covariance.
-struct Placed {
-    at: Vec2,
-    covariance: Cov2,
-}
-
-impl Placed {
-    fn of(own: &Value) -> Option<Self> {
-        let c = |k: usize| own["covariance"][k].as_f64();
-        let at = Vec2::new(own["pose"]["x"].as_f64()?, own["pose"]["y"].as_f64()?);
-        Some(Self { at, covariance: Cov2::new(c(0)?, c(1)?, c(3)?, c(4)?) })
-    }
-
-    /// The outline of the 95 % ellipse.
-    fn ellipse(&self) -> Vec<Vec2> {
-        let eigen = self.covariance.symmetric_eigen();
-        let axes = eigen.eigenvectors * Cov2::from_diagonal(&eigen.eigenvalues.map(|value| value.max(0.0).sqrt()));
-        let turns = (0..=48).map(|k| f64::from(k) * std::f64::consts::TAU / 48.0);
-        turns.map(|turn| self.at + axes * Vec2::new(turn.cos(), turn.sin()) * ELLIPSE).collect()
-    }
-}
-
-/// The map's contour, the way between the poses, and their ellipses.
-fn plot(contour: &Value, located: &[Value]) -> String {
-    let point = |p: &Value| Some(Vec2::new(p[0].as_f64()?, p[1].as_f64()?));
-    let line = |line: &Value| line.as_array().map(|points| points.iter().filter_map(point).collect::<Vec<_>>());
-    let lines: Vec<Vec<Vec2>> = contour["features"][0]["geometry"]["coordinates"]
-        .as_array()
-        .map(|lines| lines.iter().filter_map(line).collect())
-        .unwrap_or_default();
-    let placed: Vec<Placed> = located.iter().filter_map(Placed::of).collect();
-    let way: Vec<Vec2> = placed.iter().map(|place| place.at).collect();
-    let shown = lines.iter().flatten().chain(&way).copied();
-    let bounds = Bounds::around(shown).unwrap_or(Bounds { min: [0.0, 0.0], max: [1.0, 1.0] }).grown(MARGIN);
-    let title = format!("{} of {} scans located, 95 % ellipses", placed.len(), located.len());
-    let mut figure = Figure::new(Axes::new(bounds, WIDTH), &title);
-    figure.path(lines.iter().map(Vec::as_slice), false, "fill=\"none\" stroke=\"#555\" stroke-width=\"1\"");
-    figure.path([way.as_slice()], false, "fill=\"none\" stroke=\"#1f77b4\" stroke-width=\"1\" stroke-opacity=\"0.6\"");
-    let ellipses: Vec<Vec<Vec2>> = placed.iter().map(Placed::ellipse).collect();
-    let style = "fill=\"#d62728\" fill-opacity=\"0.2\" stroke=\"#d62728\" stroke-width=\"0.8\"";
-    ellipses.iter().for_each(|outline| figure.path([outline.as_slice()], true, style));
-    figure.finish()
 }

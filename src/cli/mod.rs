@@ -14,6 +14,7 @@ mod resources;
 mod serve;
 mod stores;
 mod submit;
+mod trajectory;
 
 use std::io::IsTerminal;
 
