@@ -1,4 +1,4 @@
-//! A disk that is full: what is refused says so, nothing accepted is lost, and work goes on when there is space again,
+//! A disk that is full, or cannot be written any more: what is refused says so, nothing accepted is lost, and work goes on when there is space again,
 //! without a restart. The disk is a real one of a few megabytes, mounted for the server alone.
 
 mod support;
@@ -11,6 +11,10 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use support::{Server, long, small};
+
+fn is_root() -> bool {
+    std::fs::metadata("/proc/self").is_ok_and(|own| std::os::unix::fs::MetadataExt::uid(&own) == 0)
+}
 
 /// The disk's size.
 const MEGABYTES: usize = 24;
@@ -31,8 +35,7 @@ impl Cramped {
             mounted.display(),
             env!("CARGO_BIN_EXE_mapfit"),
         );
-        let is_root = std::fs::metadata("/proc/self").is_ok_and(|own| std::os::unix::fs::MetadataExt::uid(&own) == 0);
-        let user: &[&str] = if is_root { &[] } else { &["--user", "--map-root-user"] };
+        let user: &[&str] = if is_root() { &[] } else { &["--user", "--map-root-user"] };
         command.args(user).args(["--mount", "sh", "-c", &script]);
         let server = Server::start_command(command);
         let disk = PathBuf::from(format!("/proc/{}/root{}", server.child.id(), mounted.display()));
@@ -49,6 +52,15 @@ impl Cramped {
 
     fn clear(&self) {
         std::fs::remove_file(self.disk.join("ballast")).unwrap();
+    }
+
+    /// Does something where the server sees its disk.
+    fn within(&self, script: &str) {
+        let id = self.server.child.id().to_string();
+        let user: &[&str] = if is_root() { &[] } else { &["--user", "--preserve-credentials"] };
+        let mut command = Command::new("nsenter");
+        command.args(["--target", &id, "--mount"]).args(user).args(["sh", "-c", script]);
+        assert!(command.status().unwrap().success(), "{script}");
     }
 
     fn is_ready(&self) -> bool {
@@ -103,4 +115,43 @@ fn a_full_disk_refuses_loses_nothing_and_is_worked_on_again() {
     let known = all["items"].as_array().unwrap().len();
     assert_eq!(known, accepted.len() + 3, "what was refused is not there, what was accepted is");
     println!("{} accepted, {refused} refused while full", accepted.len());
+}
+
+/// What maps lie on turns read-only, as a disk does that has had errors: jobs are accepted, fits wait with what they have, and
+/// go on when it can be written again.
+#[test]
+fn maps_wait_for_a_read_only_disk() {
+    let mounted = tempfile::tempdir().unwrap();
+    let cramped = Cramped::start(mounted.path());
+    let server = &cramped.server;
+    let before = server.map_of(&small(1));
+    let artifacts = format!("{}/data/artifacts", mounted.path().display());
+    cramped.within(&format!("mount --bind {artifacts} {artifacts} && mount -o remount,bind,ro {artifacts}"));
+    cramped.until("a read-only disk is ready for work", || !cramped.is_ready());
+    let job = server.submit(&small(2));
+    let state = || server.get(&format!("/v1/jobs/{job}")).json();
+    cramped.until("the map is not formed", || state()["progress"]["stage"] == "storing");
+    std::thread::sleep(Duration::from_secs(2));
+    assert_eq!(state()["status"], "running");
+    assert_eq!(server.get(&format!("/v1/maps/{before}/coefficients")).status, 200, "reading goes on");
+    cramped.within(&format!("umount {artifacts}"));
+    let ended = server.wait(&job);
+    assert_eq!((&ended["status"], &ended["attempt"]), (&"successful".into(), &1.into()), "{ended}");
+    assert!(cramped.is_ready());
+}
+
+#[test]
+fn a_server_does_not_start_on_a_disk_it_cannot_write() {
+    let mounted = tempfile::tempdir().unwrap();
+    let mut command = Command::new("unshare");
+    let script = format!(
+        "mount -t tmpfs -o ro tmpfs '{0}' && exec '{1}' serve --listen 127.0.0.1:0 --data '{0}/data'",
+        mounted.path().display(),
+        env!("CARGO_BIN_EXE_mapfit"),
+    );
+    let user: &[&str] = if is_root() { &[] } else { &["--user", "--map-root-user"] };
+    let output = command.args(user).args(["--mount", "sh", "-c", &script]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && output.stdout.is_empty());
+    assert!(said.contains("Read-only") && said.contains("data") && !said.contains("panicked"), "{said}");
 }

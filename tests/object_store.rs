@@ -106,6 +106,35 @@ fn a_damaged_object_is_not_served() {
     assert_eq!(missing["type"], "/problems/artifact-missing");
 }
 
+/// A store that takes 20 kB a second: a map is longer under way to it than a lease holds. The lease is kept meanwhile, and
+/// whoever asks for something else does not notice.
+#[test]
+fn a_slow_store_costs_time_and_nothing_else() {
+    let (data, store) = (tempfile::tempdir().unwrap(), Seaweed::start());
+    let arguments = ["--artifacts", "s3://maps", "--lease-seconds", "1"];
+    let server = Server::start_among(data.path(), 2, &arguments, &store.slowly(20_000));
+    let expected = undisturbed(2);
+    let (begun, jobs) = (Instant::now(), [server.submit(&small(0)), server.submit(&small(1))]);
+    let mut slowest = Duration::ZERO;
+    let mut storing = 0;
+    while !jobs.iter().all(|id| server.get(&format!("/v1/jobs/{id}")).json()["status"] == "successful") {
+        let asked = Instant::now();
+        let job = server.get(&format!("/v1/jobs/{}", jobs[0])).json();
+        slowest = slowest.max(asked.elapsed());
+        storing += usize::from(job["progress"]["stage"] == "storing");
+        assert!(begun.elapsed() < Duration::from_secs(120), "{job}");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    println!("stored after {:?}; slowest answer meanwhile {slowest:?}", begun.elapsed());
+    assert!(storing > 40, "it was not slow: {storing}");
+    assert!(slowest < Duration::from_secs(1));
+    for (job, expected) in jobs.iter().zip(&expected) {
+        let job = server.wait(job);
+        assert_eq!(job["attempt"], 1, "{job}");
+        assert!(arrays(&server, job["map_id"].as_str().unwrap()) == *expected, "the same bytes");
+    }
+}
+
 /// Submits until it is accepted, under one key: a server whose database is away says so, and may have accepted it.
 fn submit(server: &Server, request: &Value, key: &str) -> String {
     let (body, begun) = (request.to_string(), Instant::now());

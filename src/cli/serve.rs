@@ -131,6 +131,7 @@ impl House {
             lease: Duration::from_secs(self.lease_seconds),
             sweep_every: Duration::from_secs(self.sweep_seconds),
             attempt_within: Duration::from_secs(self.job_seconds),
+            stops_within: usual.stops_within,
             memory: self.memory.map_or(usual.memory, |megabytes| megabytes.saturating_mul(1 << 20)),
             running_a_tenant: self.quota_running.unwrap_or(usual.running_a_tenant),
             webhooks: Allowed(self.webhook_allow.clone()),

@@ -1,8 +1,7 @@
 //! One attempt at one job: from the claimed request to a finished map, or to the reason why not.
 
-use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
@@ -12,12 +11,14 @@ use tokio::runtime::Handle;
 use uuid::Uuid;
 
 use super::Workshop;
+use super::background::in_background_while;
 use super::clock::Clock;
+use super::solver::WHOLE;
 use crate::fit::FitError;
 use crate::jobs::lifecycle::{MAX_ATTEMPTS, backoff, runs_again};
 use crate::jobs::{JobRequest, Joined, Limits, Lineage, MapRecord, ProblemReport, Progress, RequestError, Stored};
 use crate::living::{JoinError, aligned};
-use crate::map::{ArchiveError, FittedMap, MapError, Stage, Step, SurveyError};
+use crate::map::{ArchiveError, FittedMap, MapError, SurveyError};
 use crate::store::{Artifacts, ArtifactsError, Claim, MAP_FILE, StoreError};
 use crate::uncertainty::UncertaintyError;
 
@@ -52,6 +53,8 @@ enum AttemptError {
     Artifacts(#[from] ArtifactsError),
     #[error(transparent)]
     Store(#[from] StoreError),
+    #[error("there is no thread to fit on: {0}")]
+    Thread(std::io::Error),
     #[error("the solver panicked: {0}")]
     Panic(String),
 }
@@ -71,7 +74,7 @@ impl From<JoinError> for AttemptError {
 impl AttemptError {
     /// Whether another attempt may fare better: only where the infrastructure failed.
     fn may_pass(&self) -> bool {
-        matches!(self, Self::Artifacts(_) | Self::Store(_) | Self::Panic(_))
+        matches!(self, Self::Artifacts(_) | Self::Store(_) | Self::Thread(_) | Self::Panic(_))
     }
 
     fn problem(&self) -> ProblemReport {
@@ -111,9 +114,10 @@ pub(super) fn run(workshop: &Arc<Workshop>, runtime: &Handle, claim: Claim) {
     let clock = Arc::new(Clock::new(workshop.rules.attempt_within));
     let watched = (progress.clone(), clock.clone());
     let heart = runtime.spawn(keep_lease(workshop.clone(), id.clone(), attempt, watched, stop.clone()));
-    let prefix = Artifacts::of_attempt(&id, attempt);
+    let own = Own { prefix: Artifacts::of_attempt(&id, attempt), claim, progress, clock: clock.clone(), stop };
     // A panic in the numerics costs this attempt, not the solver thread.
-    let work = std::panic::AssertUnwindSafe(|| work(workshop, runtime, (&claim, &prefix), (&progress, &clock), &stop));
+    let own = Arc::new(own);
+    let work = std::panic::AssertUnwindSafe(|| work(workshop, runtime, &own));
     let mut outcome = std::panic::catch_unwind(work).unwrap_or_else(|panic| {
         let text = panic.downcast_ref::<String>().cloned();
         let text = text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
@@ -129,17 +133,51 @@ pub(super) fn run(workshop: &Arc<Workshop>, runtime: &Handle, claim: Claim) {
             workshop.metrics.attempt_ended("successful");
             workshop.hooks.notify_one();
         }
-        Err(error) => runtime.block_on(settle(workshop, &claim, &prefix, &error)),
+        Err(error) => runtime.block_on(settle(workshop, &own.claim, &own.prefix, &error)),
     }
 }
 
-fn work(
-    workshop: &Workshop,
-    runtime: &Handle,
-    (claim, prefix): (&Claim, &str),
-    (progress, clock): (&Mutex<Progress>, &Clock),
-    stop: &AtomicBool,
-) -> Result<(), AttemptError> {
+/// What belongs to one attempt.
+struct Own {
+    claim: Claim,
+    prefix: String,
+    progress: Arc<Mutex<Progress>>,
+    clock: Arc<Clock>,
+    stop: Arc<AtomicBool>,
+}
+
+fn work(workshop: &Arc<Workshop>, runtime: &Handle, own: &Arc<Own>) -> Result<(), AttemptError> {
+    let (workshop_too, own_too) = (workshop.clone(), own.clone());
+    let formed = in_background_while(waits(own.stop.clone(), workshop.rules.stops_within), move || {
+        form(&workshop_too, &own_too)
+    });
+    let Some(formed) = formed.map_err(AttemptError::Thread)? else {
+        tracing::error!(job = %own.claim.job.id, "a fit does not stop; its thread and its memory are lost to the service");
+        return Err(AttemptError::Stopped);
+    };
+    let (record, bytes) = formed?;
+    let fitted = Instant::now();
+    runtime.block_on(keep(workshop, &own.prefix, bytes, &own.stop))?;
+    let job = &own.claim.job;
+    let done = Progress::done(job.progress.max_iterations, &record.fit);
+    match runtime.block_on(workshop.records.succeed(job.attempt, &record, &done))? {
+        true => {
+            workshop.metrics.fitted(record.distance.name(), &record.fit, fitted.elapsed());
+            Ok(())
+        }
+        false => Err(AttemptError::Stopped),
+    }
+}
+
+/// Whether to wait on for work that was told to stop, or was not.
+fn waits(stop: Arc<AtomicBool>, within: Duration) -> impl Fn() -> bool {
+    let told = OnceLock::new();
+    move || !stop.load(Ordering::Relaxed) || told.get_or_init(Instant::now).elapsed() < within
+}
+
+/// The map's record and its file: all that takes a core.
+fn form(workshop: &Workshop, own: &Own) -> Result<(MapRecord, Vec<u8>), AttemptError> {
+    let Own { claim, prefix, progress, clock, stop } = own;
     let (request, lineage) = {
         let stored = zstd::decode_all(&claim.request[..]).map_err(AttemptError::Unpack)?;
         let stored = Stored::read(&stored)?;
@@ -148,26 +186,17 @@ fn work(
     set_stage(progress, "waiting for memory", 0.0);
     let goes_on = || !stop.load(Ordering::Relaxed);
     let (_, cost) = request.cost(&goes_on).ok_or(AttemptError::Stopped)?;
-    let held = clock.without(|| workshop.memory.reserve(cost.bytes as u64, &goes_on)).ok_or(AttemptError::Stopped)?;
+    let _held = clock.without(|| workshop.memory.reserve(cost.bytes as u64, &goes_on)).ok_or(AttemptError::Stopped)?;
     set_stage(progress, "fitting", 0.0);
+    let fit = |request: &JobRequest| workshop.solver.map_of(request, progress, stop);
     let map = match &request.joined {
-        Some(joined) => fit_joined(&request, joined, (progress, stop), &workshop.limits)?,
-        None => fit_request(&request, progress, stop)?,
+        Some(joined) => fit_joined(&request, joined, (progress, stop), &workshop.limits, fit)?,
+        None => fit(&request)?,
     };
     set_stage(progress, "storing", WHOLE.1);
-    let fitted = Instant::now();
     let bytes = map.to_npz()?;
     let record = record_of(claim, &map, (prefix, &bytes), lineage);
-    drop((map, held));
-    runtime.block_on(keep(workshop, prefix, bytes, stop))?;
-    let done = Progress::done(claim.job.progress.max_iterations, &record.fit);
-    match runtime.block_on(workshop.records.succeed(claim.job.attempt, &record, &done))? {
-        true => {
-            workshop.metrics.fitted(record.distance.name(), &record.fit, fitted.elapsed());
-            Ok(())
-        }
-        false => Err(AttemptError::Stopped),
-    }
+    Ok((record, bytes))
 }
 
 fn record_of(claim: &Claim, map: &FittedMap, (prefix, bytes): (&str, &[u8]), lineage: Lineage) -> MapRecord {
@@ -215,25 +244,13 @@ async fn keep(workshop: &Workshop, prefix: &str, bytes: Vec<u8>, stop: &AtomicBo
     }
 }
 
-/// The fit and its covariance. `progress` is kept up to date; `stop` ends the work within a step.
-pub fn fit_request(
-    request: &JobRequest,
-    progress: &Mutex<Progress>,
-    stop: &AtomicBool,
-) -> Result<FittedMap, SurveyError> {
-    let observer = |step: &Step| {
-        report(progress, step);
-        if stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    };
-    request.survey().map_watched(&observer)
-}
-
 /// A join: where the frames lie, then one fit of all scans from there.
 fn fit_joined(
     request: &JobRequest,
     joined: &Joined,
     (progress, stop): (&Mutex<Progress>, &AtomicBool),
     limits: &Limits,
+    fit: impl Fn(&JobRequest) -> Result<FittedMap, SurveyError>,
 ) -> Result<FittedMap, AttemptError> {
     set_stage(progress, "aligning", 0.0);
     let goes_on = || !stop.load(Ordering::Relaxed);
@@ -242,25 +259,9 @@ fn fit_joined(
     let places = places.map_err(|error| error.of_map(map_of))?;
     set_stage(progress, "fitting", 0.0);
     let placed = request.placed(&places, limits).map_err(JoinError::from)?;
-    let mut map = fit_request(&placed, progress, stop)?;
+    let mut map = fit(&placed)?;
     joined.tell(&mut map, &places);
     Ok(map)
-}
-
-/// What the fit and its covariance take of the whole, in per cent: little is before them, and little after.
-const WHOLE: (f64, f64) = (1.0, 97.0);
-
-fn report(progress: &Mutex<Progress>, step: &Step) {
-    let mut progress = progress.lock().unwrap_or_else(PoisonError::into_inner);
-    let percent = WHOLE.0 + (WHOLE.1 - WHOLE.0) * step.share;
-    progress.percent = progress.percent.max((10.0 * percent).round() / 10.0);
-    progress.stage = match step.stage {
-        Stage::Fitting => "fitting".into(),
-        Stage::Covariance => "covariance".into(),
-    };
-    progress.iteration = step.fit.iteration;
-    progress.max_iterations = step.fit.max_iterations;
-    progress.objective = Some(step.fit.objective).filter(|value| value.is_finite());
 }
 
 fn set_stage(progress: &Mutex<Progress>, stage: &str, percent: f64) {

@@ -7,11 +7,13 @@
 //! infrastructure's errors retry, with backoff.
 
 mod attempt;
+mod background;
 mod clock;
 mod house;
 mod memory;
 mod metrics;
 mod rules;
+mod solver;
 mod watch;
 pub mod webhooks;
 
@@ -24,18 +26,21 @@ use std::time::{Duration, Instant};
 use tokio::runtime::Handle;
 use tokio::sync::Notify;
 
-use crate::jobs::Limits;
+use crate::jobs::{Job, Limits};
 use crate::store::{Artifacts, Claim, Records, Terms};
 
-pub use attempt::fit_request;
+pub use background::in_background;
 pub use memory::{Reserved, of_this_machine};
 pub use metrics::Metrics;
 pub use rules::Rules;
+pub use solver::{Solver, fit_request};
 
 use memory::Memory;
 
 /// How long an idle solver waits before it looks for work that nobody told it of.
 const IDLE: Duration = Duration::from_millis(500);
+/// How long solver threads may take to end once all fits were told to stop; a process ends without those that do not.
+const ENDS_WITHIN: Duration = Duration::from_secs(15);
 /// How long readiness is believed, and how long its probe may take.
 const READY_FOR: Duration = Duration::from_secs(1);
 const PROBE_WITHIN: Duration = Duration::from_secs(3);
@@ -53,12 +58,13 @@ pub struct Workshop {
     /// Told when there may be something to tell by a webhook.
     pub hooks: Notify,
     memory: Memory,
+    solver: Box<dyn Solver>,
     pub metrics: Metrics,
     /// Flags of the attempts that run in this process, by job.
     running: Mutex<HashMap<String, Arc<AtomicBool>>>,
     draining: tokio::sync::watch::Sender<bool>,
-    followed: watch::Followed<String>,
-    waited_for: watch::Followed<(String, String)>,
+    followed: watch::Followed<watch::JobKey, Arc<Job>>,
+    waited_for: watch::Followed<(String, String), ()>,
     /// The last probe of readiness, and when it ended. Locked while one is under way: who asks meanwhile gets its outcome.
     ready: tokio::sync::Mutex<Option<(Instant, Result<(), String>)>>,
 }
@@ -70,12 +76,24 @@ impl Workshop {
         limits: Limits,
         rules: Rules,
     ) -> Result<Arc<Self>, prometheus::Error> {
+        Self::with_solver(records, artifacts, limits, rules, Box::new(solver::Fit))
+    }
+
+    /// With another solver than the usual one.
+    pub fn with_solver(
+        records: Arc<dyn Records>,
+        artifacts: Artifacts,
+        limits: Limits,
+        rules: Rules,
+        solver: Box<dyn Solver>,
+    ) -> Result<Arc<Self>, prometheus::Error> {
         let draining = tokio::sync::watch::Sender::new(false);
         Ok(Arc::new(Self {
             records,
             artifacts,
             limits,
             memory: Memory::new(rules.memory),
+            solver,
             metrics: Metrics::new()?,
             rules,
             arrivals: Arc::default(),
@@ -173,17 +191,24 @@ impl Solvers {
     pub fn drain(self, grace: Duration) {
         self.workshop.draining.send_replace(true);
         self.workshop.arrivals.notify_waiters();
-        let deadline = Instant::now() + grace;
-        while Instant::now() < deadline && self.threads.iter().any(|thread| !thread.is_finished()) {
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        self.until_ended(grace);
         for flag in self.workshop.running.lock().unwrap_or_else(PoisonError::into_inner).values() {
             flag.store(true, Ordering::Relaxed);
         }
+        self.until_ended(ENDS_WITHIN);
         for thread in self.threads {
-            if thread.join().is_err() {
+            if !thread.is_finished() {
+                tracing::error!("a fit does not stop; its job will be taken up when its lease has lapsed");
+            } else if thread.join().is_err() {
                 tracing::error!("a solver thread panicked");
             }
+        }
+    }
+
+    fn until_ended(&self, within: Duration) {
+        let deadline = Instant::now() + within;
+        while Instant::now() < deadline && self.threads.iter().any(|thread| !thread.is_finished()) {
+            std::thread::sleep(Duration::from_millis(20));
         }
     }
 }

@@ -14,6 +14,8 @@ pub struct Rules {
     pub sweep_every: Duration,
     /// How long one attempt may take.
     pub attempt_within: Duration,
+    /// How long a fit that was told to stop is waited for: longer than the longest step takes. Then it is left to itself.
+    pub stops_within: Duration,
     /// Bytes that fits may hold together.
     pub memory: u64,
     /// Jobs of one tenant that run at once, at most.
@@ -31,6 +33,7 @@ impl Default for Rules {
             lease: Duration::from_secs(10),
             sweep_every: Duration::from_secs(3600),
             attempt_within: Duration::from_secs(3600),
+            stops_within: Duration::from_secs(120),
             memory: of_this_machine() / 2,
             running_a_tenant: i64::MAX,
             webhooks: Allowed::default(),

@@ -3,6 +3,7 @@
 
 mod faulty;
 mod ports;
+mod solver;
 #[path = "../support/mod.rs"]
 mod support;
 

@@ -145,6 +145,7 @@ conformance!(
     a_cancelled_job_takes_no_result,
     a_released_job_is_as_if_never_claimed,
     a_retry_waits_its_delay,
+    submissions_at_once_do_not_share_a_fate,
     idempotency_keys_belong_to_a_tenant,
     lapsed_leases_cost_attempts_until_the_job_fails,
     lists_go_by_status_labels_and_cursor,

@@ -172,3 +172,29 @@ pub async fn a_deadline_fails_what_waits_and_what_runs(store: &dyn Records) {
     }
     assert!(!store.succeed(claim.attempt, &map_of(&claim), &DONE).await.unwrap());
 }
+
+/// Submissions that come at once may be committed together; one that cannot be kept fails by itself.
+pub async fn submissions_at_once_do_not_share_a_fate(store: &dyn Records) {
+    let of = |k: usize| match k {
+        // A time that no column holds.
+        k if k % 7 == 3 => NewJob { deadline_seconds: Some(f64::MAX), ..new_job("a", 0) },
+        k if k % 7 == 5 => NewJob { idempotency: Some(("key".into(), "digest".into())), ..new_job("a", 0) },
+        _ => new_job("a", 0),
+    };
+    let outcomes = futures::future::join_all((0..70).map(|k| store.submit(of(k)))).await;
+    let mut keyed = std::collections::BTreeSet::new();
+    let mut accepted = 0;
+    for (k, outcome) in outcomes.into_iter().enumerate() {
+        match (k % 7, outcome) {
+            (3, outcome) => assert!(outcome.is_err(), "{outcome:?}"),
+            (5, Ok(Submission::Accepted(job) | Submission::Repeated(job))) => drop(keyed.insert(job.id)),
+            (_, Ok(Submission::Accepted(job))) => {
+                accepted += 1;
+                assert_eq!(store.job("a", &job.id).await.unwrap(), Some(job));
+            }
+            (_, outcome) => panic!("{outcome:?}"),
+        }
+    }
+    assert_eq!((accepted, keyed.len()), (50, 1));
+    assert_eq!(store.jobs(&listing("a")).await.unwrap().len(), 51);
+}

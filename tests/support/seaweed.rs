@@ -2,8 +2,8 @@
 //! it, stopped when the program ends, however it ends.
 #![allow(dead_code)]
 
-use std::io::{BufRead, BufReader, Write};
-use std::net::TcpListener;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{Shutdown, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::Mutex;
@@ -104,8 +104,27 @@ impl Seaweed {
 
     /// What tells a client of this server.
     pub fn variables(&self) -> Vec<(String, String)> {
+        self.variables_of(self.port)
+    }
+
+    /// What tells a client of a port through which this server is reached slowly: so many bytes a second to it.
+    pub fn slowly(&self, bytes_a_second: usize) -> Vec<(String, String)> {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let (port, behind) = (listener.local_addr().unwrap().port(), self.port);
+        std::thread::spawn(move || {
+            for near in listener.incoming().flatten() {
+                let Ok(far) = TcpStream::connect(("127.0.0.1", behind)) else { continue };
+                let (near_too, far_too) = (near.try_clone().unwrap(), far.try_clone().unwrap());
+                std::thread::spawn(move || pass_on(near_too, far_too, bytes_a_second));
+                std::thread::spawn(move || pass_on(far, near, usize::MAX));
+            }
+        });
+        self.variables_of(port)
+    }
+
+    fn variables_of(&self, port: u16) -> Vec<(String, String)> {
         [
-            ("AWS_ENDPOINT_URL", format!("http://127.0.0.1:{}", self.port)),
+            ("AWS_ENDPOINT_URL", format!("http://127.0.0.1:{port}")),
             ("AWS_ALLOW_HTTP", "true".into()),
             ("AWS_ACCESS_KEY_ID", "mapfit".into()),
             ("AWS_SECRET_ACCESS_KEY", "secret".into()),
@@ -148,6 +167,19 @@ impl Seaweed {
             names => names.unwrap(),
         }
     }
+}
+
+/// Everything from one side to the other, a little at a time.
+fn pass_on(mut from: TcpStream, mut to: TcpStream, bytes_a_second: usize) {
+    let mut piece = [0; 4096];
+    while let Ok(n @ 1..) = from.read(&mut piece) {
+        std::thread::sleep(Duration::from_secs_f64(n as f64 / bytes_a_second as f64));
+        if to.write_all(&piece[..n]).is_err() {
+            break;
+        }
+    }
+    let _ = to.shutdown(Shutdown::Both);
+    let _ = from.shutdown(Shutdown::Both);
 }
 
 impl Drop for Seaweed {

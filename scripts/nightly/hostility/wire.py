@@ -10,6 +10,10 @@ from service.connection import Answer
 from .attack import Attack
 
 
+# Seconds after which a connection that says nothing may have said all.
+QUIET = 0.02
+
+
 @dataclass
 class Outcome:
     """All answers on the connection, whether it was closed by the service, and how long all took."""
@@ -34,10 +38,11 @@ def carry_out(attack: Attack, port: int) -> Outcome:
                 # It hung up on us while we sent: what it said before is still to be read.
                 break
         while not attack.leaves and (left := began + attack.within - time.monotonic()) > 0:
-            if enough(received, attack.answers):
-                break
-            if not select.select([wire], [], [], left)[0]:
-                break
+            if not select.select([wire], [], [], min(left, QUIET))[0]:
+                # What was received is looked at only now: it may be megabytes, in many pieces.
+                if enough(received, attack.answers):
+                    break
+                continue
             try:
                 piece = wire.recv(1 << 20)
             except OSError:
@@ -83,16 +88,15 @@ def _body(status: int, headers: dict[str, str], rest: bytes) -> tuple[bytes, byt
         length = int(headers["content-length"])
         return rest[:length], rest[length:], len(rest) >= length
     if headers.get("transfer-encoding") == "chunked":
-        body = bytearray()
-        while True:
-            size, gap, rest = rest.partition(b"\r\n")
-            if not gap:
-                return bytes(body), b"", False
-            length = int(size.split(b";")[0] or b"0", 16)
+        body, at = bytearray(), 0
+        while (line := rest.find(b"\r\n", at)) >= 0:
+            length = int(rest[at:line].split(b";")[0] or b"0", 16)
+            at = line + 2
             if length == 0:
-                return bytes(body), rest.removeprefix(b"\r\n"), True
-            if len(rest) < length + 2:
-                return bytes(body + rest), b"", False
-            body += rest[:length]
-            rest = rest[length + 2 :]
+                return bytes(body), rest[at:].removeprefix(b"\r\n"), True
+            body += rest[at : at + length]
+            if len(rest) < at + length + 2:
+                return bytes(body), b"", False
+            at += length + 2
+        return bytes(body), b"", False
     return rest, b"", False

@@ -5,6 +5,7 @@
 //! looks after all jobs that anybody follows by one read of the store.
 
 use std::convert::Infallible;
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::{Path, State};
@@ -47,33 +48,34 @@ pub async fn get_job_events(
     // An id this job has not reached is another job's, or made up.
     let seen = if seen > job.revision { 0 } else { seen };
     let keep_alive = KeepAlive::new().interval(Duration::from_secs(10));
-    let mut response = Sse::new(follow(state, caller, id, seen)).keep_alive(keep_alive).into_response();
+    let mut response = Sse::new(follow(state, caller, id, seen, job)).keep_alive(keep_alive).into_response();
     response.headers_mut().insert(UNBUFFERED.0.clone(), UNBUFFERED.1.clone());
     Ok(response)
 }
 
-fn follow(state: AppState, caller: Caller, id: String, seen: i64) -> impl Stream<Item = Result<Event, Infallible>> {
-    let first = (state, caller, id, seen, false);
-    stream::unfold(first, |(state, caller, id, mut seen, over)| async move {
-        if over {
-            return None;
-        }
+fn follow(
+    state: AppState,
+    caller: Caller,
+    id: String,
+    seen: i64,
+    job: Job,
+) -> impl Stream<Item = Result<Event, Infallible>> {
+    let first = (state, caller, id, seen, Some(Arc::new(job)));
+    stream::unfold(first, |(state, caller, id, mut seen, mut known)| async move {
         loop {
-            // The job was deleted from under us, or the database is away: the client reconnects.
-            let job = state.job(&caller, &id).await.ok()?;
+            // None: its last event was told.
+            let job = known?;
             if job.revision > seen {
                 let over = job.status.has_ended();
                 let events = if over { ending(&job, seen) } else { progress(&job, job.revision).into_iter().collect() };
                 seen = job.revision;
-                return Some((stream::iter(events), (state, caller, id, seen, over)));
+                return Some((stream::iter(events), (state, caller, id, seen, Some(job).filter(|_| !over))));
             }
-            let changed = tokio::select! {
-                changed = state.workshop.changed_since(&id, seen) => changed,
-                () = state.workshop.drained() => false,
+            // The job was deleted from under us, or the service drains: the client reconnects.
+            known = tokio::select! {
+                changed = state.workshop.changed_since(&caller.tenant, &id, seen) => changed,
+                () = state.workshop.drained() => None,
             };
-            if !changed {
-                return None;
-            }
         }
     })
     .flatten()

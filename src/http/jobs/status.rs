@@ -62,14 +62,17 @@ pub async fn get_job(
     if wait > 0.0 && !job.status.has_ended() {
         let deadline = tokio::time::sleep(Duration::from_secs_f64(wait));
         tokio::pin!(deadline);
-        let mut over = false;
-        while !over && !job.status.has_ended() {
-            over = tokio::select! {
-                changed = state.workshop.changed_since(&id, job.revision) => !changed,
-                () = &mut deadline => true,
-                () = state.workshop.drained() => true,
+        while !job.status.has_ended() {
+            let changed = tokio::select! {
+                changed = state.workshop.changed_since(&caller.tenant, &id, job.revision) => changed,
+                () = &mut deadline => None,
+                () = state.workshop.drained() => None,
             };
-            job = state.job(&caller, &id).await?;
+            match changed {
+                Some(changed) => job = Job::clone(&changed),
+                // Gone, perhaps, or as it is now.
+                None => return Ok(Json(state.job(&caller, &id).await?.into())),
+            }
         }
     }
     Ok(Json(job.into()))

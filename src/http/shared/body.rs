@@ -58,6 +58,14 @@ impl Received {
         }
     }
 
+    /// Where a question of a map waits to be answered: a few points never behind pictures and large arrays.
+    pub fn queue_of_answer(&self) -> Queue {
+        match self.encoding {
+            Encoding::Identity if self.raw.len() <= SMALL => Queue::Small,
+            _ => Queue::Answers,
+        }
+    }
+
     /// The bytes, decompressed. For the threads that compute: one body a permit is unpacked at a time.
     pub fn unpack(self) -> Result<Bytes, Problem> {
         let Self { raw, encoding, limit, .. } = self;

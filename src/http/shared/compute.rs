@@ -1,5 +1,5 @@
 //! Work that takes milliseconds or more: off the threads that answer, a bounded number at a time, and only while somebody
-//! waits for it.
+//! waits for it. What takes longer shares the cores with fits, and makes way for what does not.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,11 +9,12 @@ use axum::http::StatusCode;
 use tokio::sync::Semaphore;
 
 use super::problem::Problem;
+use crate::worker::in_background;
 
 /// Which work waits for which: a submission never waits for a map's answers, nor a small answer for heavy ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Queue {
-    /// Small requests being read: milliseconds.
+    /// Small requests being read, and small questions answered: milliseconds.
     Small,
     /// Requests being read that are large, or may be once they are unpacked.
     Requests,
@@ -84,7 +85,11 @@ impl Compute {
             let permit = permits.clone().acquire_owned().await.ok();
             let work = move || {
                 let _permit = permit;
-                if leash.holds() { work(&leash) } else { Err(too_slow()) }
+                match (leash.holds(), queue) {
+                    (false, _) => Err(too_slow()),
+                    (true, Queue::Small) => work(&leash),
+                    (true, _) => in_background(|| work(&leash)).unwrap_or_else(|error| Err(no_thread(&error))),
+                }
             };
             tokio::task::spawn_blocking(work).await?
         };
@@ -103,6 +108,11 @@ pub fn too_slow() -> Problem {
     let detail =
         "the answer took longer than a request may (--request-seconds); the service is busy, or it asks for much";
     Problem { detail: detail.into(), ..Problem::of_status(StatusCode::SERVICE_UNAVAILABLE) }
+}
+
+fn no_thread(error: &std::io::Error) -> Problem {
+    tracing::warn!(%error, "there is no thread to compute on");
+    Problem { detail: "the service is busy; try again".into(), ..Problem::of_status(StatusCode::SERVICE_UNAVAILABLE) }
 }
 
 #[cfg(test)]

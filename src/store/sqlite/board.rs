@@ -44,41 +44,7 @@ const REVISIONS: &str = "SELECT id, revision FROM jobs WHERE id IN (SELECT value
 #[async_trait]
 impl JobBoard for SqliteStore {
     async fn submit(&self, new: NewJob) -> Result<Submission, StoreError> {
-        let mut tx = self.begin().await?;
-        if let Some((key, body)) = &new.idempotency {
-            let known: Option<(String, String)> =
-                sqlx::query_as(KNOWN_KEY).bind(&new.tenant).bind(key).fetch_optional(&mut *tx).await?;
-            if let Some((known_body, job_id)) = known {
-                return Ok(match known_body == *body {
-                    true => Submission::Repeated(job_by_id(&mut tx, &job_id).await?),
-                    false => Submission::KeyReused,
-                });
-            }
-        }
-        if let Some(what) = over(&mut tx, &new.tenant, new.quota).await? {
-            return Ok(Submission::OverQuota(what));
-        }
-        let id = Uuid::now_v7().to_string();
-        sqlx::query(INSERT)
-            .bind(&id)
-            .bind(&new.tenant)
-            .bind(&new.name)
-            .bind(serde_json::to_string(&new.labels)?)
-            .bind(serde_json::to_string(&new.progress)?)
-            .bind(&new.message)
-            .bind(new.priority)
-            .bind(&new.retry_of)
-            // The sum of a time and nothing is nothing.
-            .bind(new.deadline_seconds.map(|seconds| (seconds * 1000.0) as i64))
-            .execute(&mut *tx)
-            .await?;
-        sqlx::query(KEEP_REQUEST).bind(&id).bind(new.request).execute(&mut *tx).await?;
-        if let Some((key, body)) = &new.idempotency {
-            sqlx::query(KEEP_KEY).bind(&new.tenant).bind(key).bind(body).bind(&id).execute(&mut *tx).await?;
-        }
-        let job = job_by_id(&mut tx, &id).await?;
-        tx.commit().await?;
-        Ok(Submission::Accepted(job))
+        self.intake.submit(new).await
     }
 
     async fn job(&self, tenant: &str, id: &str) -> Result<Option<Job>, StoreError> {
@@ -137,6 +103,38 @@ impl JobBoard for SqliteStore {
     async fn revisions(&self, ids: &[String]) -> Result<Vec<(String, i64)>, StoreError> {
         Ok(sqlx::query_as(REVISIONS).bind(serde_json::to_string(ids)?).fetch_all(&self.readers).await?)
     }
+}
+
+/// Enters a job, within a transaction that is committed, or fails, as a whole.
+pub(super) async fn enter(tx: &mut Transaction<'static, Sqlite>, new: &NewJob) -> Result<Submission, StoreError> {
+    if let Some((key, body)) = &new.idempotency {
+        let known: Option<(String, String)> =
+            sqlx::query_as(KNOWN_KEY).bind(&new.tenant).bind(key).fetch_optional(&mut **tx).await?;
+        if let Some((known_body, job_id)) = known {
+            return Ok(match known_body == *body {
+                true => Submission::Repeated(job_by_id(tx, &job_id).await?),
+                false => Submission::KeyReused,
+            });
+        }
+    }
+    if let Some(what) = over(tx, &new.tenant, new.quota).await? {
+        return Ok(Submission::OverQuota(what));
+    }
+    let id = Uuid::now_v7().to_string();
+    let insert = sqlx::query(AssertSqlSafe(format!("{INSERT} RETURNING {JOB}"))).bind(&id).bind(&new.tenant);
+    let insert = insert.bind(&new.name).bind(serde_json::to_string(&new.labels)?);
+    let insert = insert.bind(serde_json::to_string(&new.progress)?).bind(&new.message);
+    let insert = insert.bind(new.priority).bind(&new.retry_of);
+    // The sum of a time and nothing is nothing.
+    let insert = insert.bind(new.deadline_seconds.map(|seconds| (seconds * 1000.0) as i64));
+    // All rows, though there is one: only then is the statement at its end.
+    let rows = insert.fetch_all(&mut **tx).await?;
+    sqlx::query(KEEP_REQUEST).bind(&id).bind(&new.request[..]).execute(&mut **tx).await?;
+    if let Some((key, body)) = &new.idempotency {
+        sqlx::query(KEEP_KEY).bind(&new.tenant).bind(key).bind(body).bind(&id).execute(&mut **tx).await?;
+    }
+    let job = rows.first().map_or_else(|| Err(sqlx::Error::RowNotFound.into()), rows::job)?;
+    Ok(Submission::Accepted(job))
 }
 
 /// What a tenant has as much of as it may.

@@ -8,6 +8,7 @@
 mod backup;
 mod board;
 mod housekeeping;
+mod intake;
 mod keys;
 mod leases;
 mod listed;
@@ -17,11 +18,13 @@ mod shelf;
 mod webhooks;
 
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{Connection, Sqlite, Transaction};
 
+use self::intake::Intake;
 use super::StoreError;
 
 /// Milliseconds since 1970 by the database's clock.
@@ -36,6 +39,7 @@ use now;
 pub struct SqliteStore {
     readers: SqlitePool,
     writer: SqlitePool,
+    intake: Arc<Intake>,
 }
 
 impl SqliteStore {
@@ -62,7 +66,7 @@ impl SqliteStore {
         let writer = pool(1).connect_with(options.clone()).await?;
         sqlx::migrate!("migrations/sqlite").run(&writer).await?;
         let readers = pool(4).connect_with(options).await?;
-        Ok(Self { readers, writer })
+        Ok(Self { readers, intake: Intake::new(writer.clone()), writer })
     }
 
     async fn begin(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {

@@ -14,7 +14,7 @@ use utoipa::ToSchema;
 use self::answer::QueryAnswer;
 use self::question::{Question, marks, parse, points_of_npy};
 use super::request::KINDS;
-use crate::http::shared::compute::{Leash, Queue};
+use crate::http::shared::compute::Leash;
 use crate::http::shared::negotiate::{Binary, JSON, NPY, NPZ, negotiate};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
@@ -103,7 +103,7 @@ pub async fn query_map(
     params.finish()?;
     let fields = fields.and_then(Result::ok).unwrap_or([true; FIELDS.len()]);
     let map = state.load(&record).await?;
-    let rations = state.answers.clone();
+    let (rations, queue) = (state.answers.clone(), received.queue_of_answer());
     let form = move |leash: &Leash| {
         let question = match received.media {
             NPY => Question { points: points_of_npy(&received.unpack()?)?, kind, fields },
@@ -117,6 +117,6 @@ pub async fn query_map(
         let text = answer.json(question.points.len());
         Ok(share.stream(text.map(|piece| piece.map_err(Into::into))))
     };
-    let body = state.compute.run(Queue::Answers, form).await?;
+    let body = state.compute.run(queue, form).await?;
     Ok(([("content-type", format.media)], body).into_response())
 }

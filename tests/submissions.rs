@@ -1,0 +1,100 @@
+//! What durability costs: a thousand jobs through HTTP, against the same database writing as many rows, one commit each.
+
+#[path = "support/postgres.rs"]
+mod postgres_server;
+mod support;
+
+use std::time::{Duration, Instant};
+
+use sqlx::{Connection, Executor};
+use support::{Server, small};
+
+const JOBS: usize = 1000;
+const CLIENTS: usize = 16;
+/// Of the rate at which bare rows are committed one by one, what submissions must reach.
+const SHARE: f64 = 0.6;
+
+/// A job of three scans.
+fn three_scans() -> String {
+    let mut job = small(1);
+    job["scans"].as_array_mut().unwrap().truncate(3);
+    assert_eq!(job["scans"].as_array().unwrap().len(), 3);
+    job.to_string()
+}
+
+fn a_second(count: usize, time: Duration) -> f64 {
+    count as f64 / time.as_secs_f64()
+}
+
+/// Rows a second of a plain table in the same database, with the same promise, a commit each.
+macro_rules! bare {
+    ($connection:expr) => {{
+        $connection.execute("CREATE TABLE bare (id TEXT PRIMARY KEY, request TEXT NOT NULL)").await.unwrap();
+        let began = Instant::now();
+        for k in 0..JOBS {
+            let insert = format!("INSERT INTO bare VALUES ('{k}', '{}')", "x".repeat(1000));
+            $connection.execute(sqlx::AssertSqlSafe(insert)).await.unwrap();
+        }
+        a_second(JOBS, began.elapsed())
+    }};
+}
+
+/// Jobs that a crowd of clients submits.
+fn submitted(server: &Server, clients: usize, jobs: usize) -> f64 {
+    let body = three_scans();
+    let began = Instant::now();
+    std::thread::scope(|scope| {
+        for client in 0..clients {
+            let body = &body;
+            scope.spawn(move || {
+                for k in 0..jobs / clients {
+                    let key = format!("{clients} {client} {k}");
+                    let headers = [("content-type", "application/json"), ("idempotency-key", &key)];
+                    assert_eq!(server.send("POST", "/v1/jobs", &headers, Some(body.as_bytes())).status, 202);
+                }
+            });
+        }
+    });
+    a_second(jobs / clients * clients, began.elapsed())
+}
+
+fn judge(name: &str, bare: f64, server: &Server) {
+    let alone = submitted(server, 1, JOBS / 4);
+    let crowd = submitted(server, CLIENTS, JOBS);
+    println!(
+        "{name}: {bare:.0} bare rows a second, {crowd:.0} jobs a second of {CLIENTS} clients ({:.2} times), {alone:.0} of one ({:.2} times)",
+        crowd / bare,
+        alone / bare
+    );
+    assert!(crowd >= SHARE * bare, "{name}: {crowd:.0} jobs a second, and {bare:.0} bare rows");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn submissions_keep_pace_with_sqlite() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("bare.sqlite");
+    let options = sqlx::sqlite::SqliteConnectOptions::new()
+        .filename(&file)
+        .create_if_missing(true)
+        .journal_mode(sqlx::sqlite::SqliteJournalMode::Wal)
+        .synchronous(sqlx::sqlite::SqliteSynchronous::Full);
+    let mut connection = sqlx::sqlite::SqliteConnection::connect_with(&options).await.unwrap();
+    let rate = bare!(connection);
+    let data = folder.path().join("data");
+    tokio::task::spawn_blocking(move || judge("SQLite", rate, &Server::start(&data, 0))).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn submissions_keep_pace_with_postgresql() {
+    let url = postgres_server::database().await;
+    let mut connection = sqlx::postgres::PgConnection::connect(&url).await.unwrap();
+    let rate = bare!(connection);
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().to_owned();
+    tokio::task::spawn_blocking(move || {
+        let server = Server::start_with(&data, 0, &["--database-url", &url]);
+        judge("PostgreSQL", rate, &server);
+    })
+    .await
+    .unwrap();
+}
