@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use bytes::Bytes;
 use sha2::{Digest, Sha256};
@@ -13,12 +13,13 @@ use uuid::Uuid;
 
 use super::Workshop;
 use super::clock::Clock;
+use super::trail::Trail;
 use crate::fit::FitError;
 use crate::jobs::lifecycle::{MAX_ATTEMPTS, backoff, runs_again};
 use crate::jobs::{JobRequest, Joined, Limits, Lineage, MapRecord, ProblemReport, Progress, RequestError, Stored};
 use crate::living::{JoinError, aligned};
 use crate::map::{ArchiveError, FittedMap, MapError, Stage, Step, SurveyError};
-use crate::store::{Artifacts, ArtifactsError, Claim, MAP_FILE, StoreError};
+use crate::store::{Artifacts, ArtifactsError, Claim, MAP_FILE, StoreError, Written};
 use crate::uncertainty::UncertaintyError;
 
 /// How often the lease is renewed and progress carried to the store.
@@ -104,8 +105,9 @@ impl AttemptError {
 }
 
 /// Runs a claimed job to its end on this thread.
-pub(super) fn run(workshop: &Arc<Workshop>, runtime: &Handle, claim: Claim) {
+pub(super) fn run(workshop: &Arc<Workshop>, runtime: &Handle, claim: Claim, asked: SystemTime) {
     let (id, attempt) = (claim.job.id.clone(), claim.job.attempt);
+    let trail = Trail::of(&workshop.traces, &claim.job, asked);
     let stop = workshop.enter(&id);
     let progress = Arc::new(Mutex::new(Progress { stage: "preparing".into(), ..claim.job.progress.clone() }));
     let clock = Arc::new(Clock::new(workshop.rules.attempt_within));
@@ -113,7 +115,8 @@ pub(super) fn run(workshop: &Arc<Workshop>, runtime: &Handle, claim: Claim) {
     let heart = runtime.spawn(keep_lease(workshop.clone(), id.clone(), attempt, watched, stop.clone()));
     let prefix = Artifacts::of_attempt(&id, attempt);
     // A panic in the numerics costs this attempt, not the solver thread.
-    let work = std::panic::AssertUnwindSafe(|| work(workshop, runtime, (&claim, &prefix), (&progress, &clock), &stop));
+    let course = Course { progress: &progress, clock: &clock, trail: &trail, stop: &stop };
+    let work = std::panic::AssertUnwindSafe(|| work(workshop, runtime, (&claim, &prefix), &course));
     let mut outcome = std::panic::catch_unwind(work).unwrap_or_else(|panic| {
         let text = panic.downcast_ref::<String>().cloned();
         let text = text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
@@ -127,9 +130,38 @@ pub(super) fn run(workshop: &Arc<Workshop>, runtime: &Handle, claim: Claim) {
     match outcome {
         Ok(()) => {
             workshop.metrics.attempt_ended("successful");
+            trail.ended("successful");
             workshop.hooks.notify_one();
         }
-        Err(error) => runtime.block_on(settle(workshop, &claim, &prefix, &error)),
+        Err(error) => {
+            trail.fail(&error.to_string());
+            trail.enter("finish");
+            trail.ended(runtime.block_on(settle(workshop, &claim, &prefix, &error)));
+        }
+    }
+}
+
+/// What an attempt is watched and stopped by.
+struct Course<'a> {
+    progress: &'a Mutex<Progress>,
+    clock: &'a Clock,
+    trail: &'a Trail,
+    stop: &'a AtomicBool,
+}
+
+impl Course<'_> {
+    fn goes_on(&self) -> bool {
+        !self.stop.load(Ordering::Relaxed)
+    }
+
+    /// A step of a fit, whose stages are its own to know.
+    fn step(&self, step: &Step) -> ControlFlow<()> {
+        self.trail.enter(match step.stage {
+            Stage::Fitting => "fit",
+            Stage::Covariance => "covariance",
+        });
+        report(self.progress, step);
+        if self.goes_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     }
 }
 
@@ -137,29 +169,34 @@ fn work(
     workshop: &Workshop,
     runtime: &Handle,
     (claim, prefix): (&Claim, &str),
-    (progress, clock): (&Mutex<Progress>, &Clock),
-    stop: &AtomicBool,
+    course: &Course<'_>,
 ) -> Result<(), AttemptError> {
+    let Course { progress, clock, trail, stop } = course;
+    trail.enter("load");
     let (request, lineage) = {
         let stored = zstd::decode_all(&claim.request[..]).map_err(AttemptError::Unpack)?;
         let stored = Stored::read(&stored)?;
         (stored.request(&workshop.limits)?, stored.lineage)
     };
     set_stage(progress, "waiting for memory", 0.0);
-    let goes_on = || !stop.load(Ordering::Relaxed);
+    let goes_on = || course.goes_on();
     let (_, cost) = request.cost(&goes_on).ok_or(AttemptError::Stopped)?;
+    trail.enter("wait for memory");
     let held = clock.without(|| workshop.memory.reserve(cost.bytes as u64, &goes_on)).ok_or(AttemptError::Stopped)?;
     set_stage(progress, "fitting", 0.0);
+    trail.enter("fit");
     let map = match &request.joined {
-        Some(joined) => fit_joined(&request, joined, (progress, stop), &workshop.limits)?,
-        None => fit_request(&request, progress, stop)?,
+        Some(joined) => fit_joined(&request, joined, course, &workshop.limits)?,
+        None => request.survey().map_watched(&|step| course.step(step))?,
     };
     set_stage(progress, "storing", WHOLE.1);
+    trail.enter("store");
     let fitted = Instant::now();
     let bytes = map.to_npz()?;
     let record = record_of(claim, &map, (prefix, &bytes), lineage);
     drop((map, held));
     runtime.block_on(keep(workshop, prefix, bytes, stop))?;
+    trail.enter("finish");
     let done = Progress::done(claim.job.progress.max_iterations, &record.fit);
     match runtime.block_on(workshop.records.succeed(claim.job.attempt, &record, &done))? {
         true => {
@@ -232,17 +269,18 @@ pub fn fit_request(
 fn fit_joined(
     request: &JobRequest,
     joined: &Joined,
-    (progress, stop): (&Mutex<Progress>, &AtomicBool),
+    course: &Course<'_>,
     limits: &Limits,
 ) -> Result<FittedMap, AttemptError> {
-    set_stage(progress, "aligning", 0.0);
-    let goes_on = || !stop.load(Ordering::Relaxed);
+    set_stage(course.progress, "aligning", 0.0);
+    course.trail.enter("align");
+    let goes_on = || course.goes_on();
     let map_of = |frame: usize| joined.named.iter().position(|named| named.frame == frame).unwrap_or(frame);
     let places = aligned(&request.scans_in_frames(), &joined.guesses, &goes_on);
     let places = places.map_err(|error| error.of_map(map_of))?;
-    set_stage(progress, "fitting", 0.0);
+    set_stage(course.progress, "fitting", 0.0);
     let placed = request.placed(&places, limits).map_err(JoinError::from)?;
-    let mut map = fit_request(&placed, progress, stop)?;
+    let mut map = placed.survey().map_watched(&|step| course.step(step))?;
     joined.tell(&mut map, &places);
     Ok(map)
 }
@@ -298,41 +336,39 @@ async fn keep_lease(
     }
 }
 
-/// Says in the store what became of an attempt that has no map.
-async fn settle(workshop: &Workshop, claim: &Claim, prefix: &str, error: &AttemptError) {
+/// Says in the store what became of an attempt that has no map, and how it ended.
+async fn settle(workshop: &Workshop, claim: &Claim, prefix: &str, error: &AttemptError) -> &'static str {
     let (records, id, attempt) = (&workshop.records, &claim.job.id[..], claim.job.attempt);
     let queued = Progress::queued(claim.job.progress.max_iterations);
-    let outcome = match error {
+    let (ended, outcome) = match error {
         // Draining hands the job back; where the lease is lost this writes nothing.
-        AttemptError::Stopped => {
-            workshop.metrics.attempt_ended("stopped");
-            records.release(id, attempt, &queued).await
-        }
+        AttemptError::Stopped => ("stopped", records.release(id, attempt, &queued).await),
         error if error.may_pass() && attempt < MAX_ATTEMPTS => {
             tracing::warn!(job = %id, attempt, %error, "the attempt failed and is retried");
-            workshop.metrics.attempt_ended("retried");
             let message = runs_again(attempt, &error.to_string());
-            records.retry(id, attempt, backoff(attempt), &message, &queued).await
+            ("retried", records.retry(id, attempt, backoff(attempt), &message, &queued).await)
         }
         error => {
             tracing::warn!(job = %id, attempt, %error, "the job failed");
-            workshop.metrics.attempt_ended("failed");
             let failed = records.fail(id, attempt, &error.problem()).await;
             workshop.hooks.notify_one();
-            failed
+            ("failed", failed)
         }
     };
+    workshop.metrics.attempt_ended(ended);
     if let Err(error) = outcome {
         tracing::error!(job = %id, attempt, %error, "the attempt's end could not be stored; its lease will lapse");
     }
     // A finish whose answer was lost may have been committed: only what nobody owns is removed, the rest is swept
     // later. What was stopped has finished nothing, though the job may run again under the same number by now.
+    let written = Written { prefix: prefix.to_owned(), job_id: id.to_owned(), attempt };
     let is_nobodys = match error {
         AttemptError::Stopped => true,
-        _ => matches!(records.owns_prefix(prefix, id, attempt).await, Ok(false)),
+        _ => records.owned(&[written]).await.is_ok_and(|owned| owned == [false]),
     };
     let removal = tokio::time::timeout(REMOVED_WITHIN, workshop.artifacts.remove(prefix));
     if is_nobodys && !matches!(removal.await, Ok(Ok(()))) {
         tracing::warn!(job = %id, attempt, "the attempt's artifacts could not be removed; they will be swept");
     }
+    ended
 }

@@ -12,6 +12,7 @@ mod house;
 mod memory;
 mod metrics;
 mod rules;
+mod trail;
 mod watch;
 pub mod webhooks;
 
@@ -19,13 +20,14 @@ use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use tokio::runtime::Handle;
 use tokio::sync::Notify;
 
 use crate::jobs::Limits;
 use crate::store::{Artifacts, Claim, Records, Terms};
+use crate::traces::Traces;
 
 pub use attempt::fit_request;
 pub use memory::{Reserved, of_this_machine};
@@ -54,6 +56,7 @@ pub struct Workshop {
     pub hooks: Notify,
     memory: Memory,
     pub metrics: Metrics,
+    pub traces: Traces,
     /// Flags of the attempts that run in this process, by job.
     running: Mutex<HashMap<String, Arc<AtomicBool>>>,
     draining: tokio::sync::watch::Sender<bool>,
@@ -69,6 +72,7 @@ impl Workshop {
         artifacts: Artifacts,
         limits: Limits,
         rules: Rules,
+        traces: Traces,
     ) -> Result<Arc<Self>, prometheus::Error> {
         let draining = tokio::sync::watch::Sender::new(false);
         Ok(Arc::new(Self {
@@ -77,6 +81,7 @@ impl Workshop {
             limits,
             memory: Memory::new(rules.memory),
             metrics: Metrics::new()?,
+            traces,
             rules,
             arrivals: Arc::default(),
             published: Notify::new(),
@@ -191,10 +196,10 @@ impl Solvers {
 fn solve(workshop: &Arc<Workshop>, runtime: &Handle, name: &str) {
     while !workshop.is_draining() {
         match runtime.block_on(next_claim(workshop, name)) {
-            Ok(Some(claim)) => {
+            Ok(Some((claim, asked))) => {
                 let (id, attempt) = (claim.job.id.clone(), claim.job.attempt);
                 tracing::info!(job = %id, attempt, "attempt begins");
-                attempt::run(workshop, runtime, claim);
+                attempt::run(workshop, runtime, claim, asked);
                 tracing::info!(job = %id, attempt, "attempt ends");
             }
             Ok(None) => {}
@@ -206,13 +211,15 @@ fn solve(workshop: &Arc<Workshop>, runtime: &Handle, name: &str) {
     }
 }
 
-async fn next_claim(workshop: &Workshop, name: &str) -> Result<Option<Claim>, crate::store::StoreError> {
+/// A claim, and when it was asked for.
+async fn next_claim(workshop: &Workshop, name: &str) -> Result<Option<(Claim, SystemTime)>, crate::store::StoreError> {
     // Listening starts before looking, so that a job accepted in between is not missed.
     let arrival = workshop.arrivals.notified();
     let Rules { lease, running_a_tenant, .. } = workshop.rules;
     let terms = Terms { worker: name.to_owned(), lease, running_a_tenant };
+    let asked = SystemTime::now();
     if let Some(claim) = workshop.records.claim(&terms).await? {
-        return Ok(Some(claim));
+        return Ok(Some((claim, asked)));
     }
     let _ = tokio::time::timeout(IDLE, arrival).await;
     Ok(None)

@@ -14,8 +14,8 @@ const KEEP_KEY: &str = "INSERT INTO idempotency_keys (tenant, key, body, job_id)
 const KEEP_REQUEST: &str = "INSERT INTO requests (job_id, request) VALUES (?, ?)";
 const HELD: &str = "SELECT queued, bytes FROM holdings WHERE tenant = ?";
 const INSERT: &str = concat!(
-    "INSERT INTO jobs (id, tenant, name, labels, status, progress, message, priority, retry_of, deadline, created, updated) \
-     VALUES (?, ?, ?, ?, 'accepted', ?, ?, ?, ?, ",
+    "INSERT INTO jobs (id, tenant, name, labels, status, progress, message, priority, retry_of, traceparent, deadline, created, \
+     updated) VALUES (?, ?, ?, ?, 'accepted', ?, ?, ?, ?, ?, ",
     now!(),
     " + ?, ",
     now!(),
@@ -68,6 +68,7 @@ impl JobBoard for SqliteStore {
             .bind(&new.message)
             .bind(new.priority)
             .bind(&new.retry_of)
+            .bind(&new.traceparent)
             // The sum of a time and nothing is nothing.
             .bind(new.deadline_seconds.map(|seconds| (seconds * 1000.0) as i64))
             .execute(&mut *tx)
