@@ -40,6 +40,7 @@
 //! | `jobs` | requests, validation, states |
 //! | `store` | records (SQLite, PostgreSQL), artifacts (a folder, S3) |
 //! | `backup` | everything out of the stores, and in again |
+//! | `traces` | spans of requests and attempts, across processes |
 //! | `worker` | solver threads, leases |
 //! | `http` | the service |
 //! | `cli` | the command line |
@@ -80,5 +81,7 @@ pub mod import;
 pub mod jobs;
 #[cfg(feature = "service")]
 pub mod store;
+#[cfg(feature = "service")]
+pub mod traces;
 #[cfg(feature = "service")]
 pub mod worker;

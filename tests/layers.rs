@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 /// From the ground up: each may use those before it.
-const ROOMS: [&str; 20] = [
+const ROOMS: [&str; 21] = [
     "geometry",
     "spline",
     "sparse",
@@ -21,6 +21,7 @@ const ROOMS: [&str; 20] = [
     "store",
     "backup",
     "access",
+    "traces",
     "worker",
     "http",
     "cli",

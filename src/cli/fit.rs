@@ -18,7 +18,7 @@ use crate::render::{
     Layer, Nav2Mode, OccupancyGrid, Overlay, Picture, contours, map_picture, svg_to_png, to_geojson, to_nav2_zip,
 };
 use crate::uncertainty::{Factors, Kind};
-use crate::worker::fit_request;
+use crate::worker::{Follower, fit_request};
 
 #[derive(Debug, Args)]
 pub struct FitCommand {
@@ -44,7 +44,8 @@ impl FitCommand {
         let progress = Mutex::new(Progress::queued(request.options.max_iterations));
         let bar = ProgressBar::new_spinner().with_message("fitting");
         bar.enable_steady_tick(Duration::from_millis(100));
-        let map = fit_request(&request, &progress, &AtomicBool::new(false))?;
+        let follower = Follower { progress: &progress, stop: &AtomicBool::new(false), stage: &|_| () };
+        let map = fit_request(&request, &follower)?;
         bar.finish_and_clear();
         std::fs::create_dir_all(out).map_err(CliError::io(out.display().to_string()))?;
         let factors =

@@ -99,6 +99,8 @@ pub enum CliError {
     Render(#[from] crate::render::RenderError),
     #[error(transparent)]
     Reproduce(#[from] crate::reproduce::ReproduceError),
+    #[error(transparent)]
+    Traces(#[from] crate::traces::TracesError),
     #[error("the metrics could not be set up: {0}")]
     Metrics(#[from] prometheus::Error),
     #[error("{0}")]
@@ -115,7 +117,7 @@ impl CliError {
     /// The process's exit code, as the contract has them.
     fn code(&self) -> u8 {
         match self {
-            Self::Usage(_) | Self::Artifacts(ArtifactsError::Address(_)) => 2,
+            Self::Usage(_) | Self::Traces(_) | Self::Artifacts(ArtifactsError::Address(_)) => 2,
             Self::Unreachable(_) => 3,
             _ => 1,
         }

@@ -14,6 +14,7 @@ use super::stores::{Database, Stores};
 use crate::http::{Faces, HttpLimits, Tls, listener, router, router_of_worker};
 use crate::jobs::{Limits, Retain, Retention};
 use crate::store::Quota;
+use crate::traces::{Endpoint, Traces, TracesError};
 use crate::worker::webhooks::Allowed;
 use crate::worker::{Rules, Solvers, Workshop};
 
@@ -101,6 +102,10 @@ pub struct House {
     /// Jobs of one tenant that may run at once.
     #[arg(long, env = "MAPFIT_QUOTA_RUNNING", value_parser = clap::value_parser!(i64).range(1..))]
     pub quota_running: Option<i64>,
+    /// Where traces go: the address of an OTLP receiver over HTTP (http://127.0.0.1:4318). Without it what
+    /// OTEL_EXPORTER_OTLP_ENDPOINT says; without that, nowhere.
+    #[arg(long, env = "MAPFIT_OTLP_ENDPOINT", value_name = "URL")]
+    pub otlp_endpoint: Option<String>,
     /// Networks that webhooks may reach beside public addresses (10.0.0.0/8,127.0.0.1/32).
     #[arg(long, env = "MAPFIT_WEBHOOK_ALLOW", value_delimiter = ',')]
     pub webhook_allow: Vec<ipnet::IpNet>,
@@ -120,6 +125,7 @@ impl House {
             sweep_seconds: usual.sweep_every.as_secs(),
             quota_running: None,
             webhook_allow: Vec::new(),
+            otlp_endpoint: None,
             keep_maps: Vec::new(),
             keep_deliveries: 30,
         }
@@ -144,11 +150,18 @@ impl House {
         self.workers.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, |n| n.get()))
     }
 
-    async fn open(&self) -> Result<Arc<Workshop>, CliError> {
+    fn traces(&self, role: &'static str) -> Result<Traces, TracesError> {
+        let endpoint = Endpoint::of(self.otlp_endpoint.as_deref(), |name| std::env::var(name).ok())?;
+        endpoint.map_or_else(|| Ok(Traces::default()), |endpoint| Traces::to(&endpoint, role))
+    }
+
+    /// What servers and workers share. `role` is which of them this is.
+    async fn open(&self, role: &'static str) -> Result<Arc<Workshop>, CliError> {
+        let traces = self.traces(role)?;
         let records = self.stores.records().await?;
         let artifacts = self.stores.artifacts()?;
         let limits = Limits { control_points: self.max_control_points, ..Limits::default() };
-        let workshop = Workshop::new(records.ports(), artifacts, limits, self.rules())?;
+        let workshop = Workshop::new(records.ports(), artifacts, limits, self.rules(), traces)?;
         if let Database::Postgres(store) = records {
             let (arrivals, draining) = (workshop.arrivals.clone(), workshop.clone());
             tokio::spawn(async move {
@@ -193,7 +206,7 @@ impl Serve {
 impl Work {
     pub fn run(self) -> Result<(), CliError> {
         let runtime = runtime()?;
-        let workshop = runtime.block_on(self.house.open())?;
+        let workshop = runtime.block_on(self.house.open("worker"))?;
         if let Some(listen) = self.metrics_listen {
             runtime.block_on(serve_apart(listen, router_of_worker(workshop.clone()), &workshop))?;
         }
@@ -201,6 +214,7 @@ impl Work {
         tracing::info!("working");
         runtime.block_on(stop_signal());
         solvers.drain(GRACE);
+        workshop.traces.end();
         Ok(())
     }
 }
@@ -221,7 +235,7 @@ impl Running {
         house: &House,
         limits: HttpLimits,
     ) -> Result<Self, CliError> {
-        let workshop = house.open().await?;
+        let workshop = house.open("serve").await?;
         if !listen.ip().is_loopback() && !workshop.records.has_keys().await? {
             return Err(CliError::Usage(format!(
                 "{listen} is not a loopback address, and there are no API keys: whoever reaches it could do anything. \
@@ -256,6 +270,7 @@ impl Running {
         if finished.is_err() {
             tracing::warn!("some connections did not end in time");
         }
+        self.workshop.traces.end();
         tracing::info!("stopped");
     }
 }

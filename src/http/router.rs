@@ -22,7 +22,7 @@ use utoipa_swagger_ui::{Config, SwaggerUi};
 use super::about::{self, console, metrics, usage};
 use super::jobs::{change, events, join, status, submit, update};
 use super::layers::compression::Texts;
-use super::layers::{conventions, counted, guard, keys};
+use super::layers::{conventions, counted, guard, keys, traced};
 use super::maps::{arrays, changes, covariance, frames, localize, pictures, query, record, tiles};
 use super::places::{publish, read};
 use super::shared::problem::Problem;
@@ -128,6 +128,7 @@ fn public(state: AppState, metrics_apart: bool) -> Router {
     let docs = SwaggerUi::new("/docs").config(Config::from("/openapi.json").validator_url("none"));
     let (routes, _) = described().split_for_parts();
     routes
+        .route_layer(from_fn_with_state(state.clone(), traced::traced))
         .route_layer(from_fn_with_state(state.clone(), keys::let_in))
         .route_layer(from_fn_with_state(state.clone(), counted::counted))
         .route("/", get(console::page))

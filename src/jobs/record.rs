@@ -88,6 +88,8 @@ pub struct Job {
     /// The job that this one tries again.
     pub retry_of: Option<String>,
     pub deadline: Option<i64>,
+    /// What its attempts' spans are under: W3C Trace Context.
+    pub traceparent: Option<String>,
 }
 
 /// A finished map as the store keeps it; its arrays are artifacts under `prefix`.

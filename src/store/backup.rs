@@ -110,6 +110,7 @@ pub(super) const JOBS: Table = Table {
         ("not_before", Number),
         ("retry_of", Text),
         ("deadline", Number),
+        ("traceparent", Text),
     ],
 };
 pub(super) const REQUESTS: Table = Table { name: "requests", columns: &[("job_id", Text), ("request", Blob)] };

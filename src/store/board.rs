@@ -33,6 +33,8 @@ pub struct NewJob {
     pub retry_of: Option<String>,
     /// Seconds from submission in which it has to end.
     pub deadline_seconds: Option<f64>,
+    /// What its attempts' spans are under: W3C Trace Context.
+    pub traceparent: Option<String>,
     pub quota: Option<Quota>,
 }
 

@@ -18,6 +18,14 @@ pub struct Holdings {
     pub bytes: i64,
 }
 
+/// A prefix of artifacts, and the attempt that wrote there; no job has an empty id.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Written {
+    pub prefix: String,
+    pub job_id: String,
+    pub attempt: i64,
+}
+
 /// Who says what becomes of a job.
 pub type Judge = for<'a> fn(&'a Job) -> Verdict;
 
@@ -25,15 +33,17 @@ pub type Judge = for<'a> fn(&'a Job) -> Verdict;
 pub trait Housekeeping: Send + Sync {
     /// Does with jobs whose lease lapsed what the verdict says, and fails those past their deadline; how many.
     async fn reap(&self, verdict: Judge) -> Result<u64, StoreError>;
-    /// Whether a map has this artifact prefix, or the attempt of this number runs: whichever prefix of its number is that attempt's.
-    async fn owns_prefix(&self, prefix: &str, job_id: &str, attempt: i64) -> Result<bool, StoreError>;
+    /// Of each, whether a map has the prefix or the attempt of this number runs: whichever prefix of its number is that
+    /// attempt's.
+    async fn owned(&self, written: &[Written]) -> Result<Vec<bool>, StoreError>;
     /// Whether work can be taken: reads what every request needs, and commits a row.
     async fn probe(&self) -> Result<(), StoreError>;
-    /// Maps whose age is above this and that no place names, with their ages, by id; those above `after`.
+    /// Maps whose age is above this and that no place names, with their ages, the oldest first; those that follow `after`, the
+    /// time one was created at and its id.
     async fn maps_older_than(
         &self,
         age: Duration,
-        after: &str,
+        after: (i64, &str),
         limit: i64,
     ) -> Result<Vec<(MapRecord, Duration)>, StoreError>;
     async fn holdings(&self, tenant: &str) -> Result<Holdings, StoreError>;

@@ -60,6 +60,7 @@ pub fn job(row: &impl Columns) -> Result<Job, StoreError> {
         revision: row.number("revision")?,
         retry_of: row.some_text("retry_of")?,
         deadline: row.some_number("deadline")?,
+        traceparent: row.some_text("traceparent")?,
     })
 }
 

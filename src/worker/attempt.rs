@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use bytes::Bytes;
 use sha2::{Digest, Sha256};
@@ -13,13 +13,14 @@ use uuid::Uuid;
 use super::Workshop;
 use super::background::in_background_while;
 use super::clock::Clock;
-use super::solver::WHOLE;
+use super::solver::{Follower, WHOLE};
+use super::trail::Trail;
 use crate::fit::FitError;
 use crate::jobs::lifecycle::{MAX_ATTEMPTS, backoff, runs_again};
 use crate::jobs::{JobRequest, Joined, Limits, Lineage, MapRecord, ProblemReport, Progress, RequestError, Stored};
 use crate::living::{JoinError, aligned};
-use crate::map::{ArchiveError, FittedMap, MapError, SurveyError};
-use crate::store::{Artifacts, ArtifactsError, Claim, MAP_FILE, StoreError};
+use crate::map::{ArchiveError, FittedMap, MapError, Stage, SurveyError};
+use crate::store::{Artifacts, ArtifactsError, Claim, MAP_FILE, StoreError, Written};
 use crate::uncertainty::UncertaintyError;
 
 /// How often the lease is renewed and progress carried to the store.
@@ -107,14 +108,16 @@ impl AttemptError {
 }
 
 /// Runs a claimed job to its end on this thread.
-pub(super) fn run(workshop: &Arc<Workshop>, runtime: &Handle, claim: Claim) {
+pub(super) fn run(workshop: &Arc<Workshop>, runtime: &Handle, claim: Claim, asked: SystemTime) {
     let (id, attempt) = (claim.job.id.clone(), claim.job.attempt);
+    let trail = Trail::of(&workshop.traces, &claim.job, asked);
     let stop = workshop.enter(&id);
     let progress = Arc::new(Mutex::new(Progress { stage: "preparing".into(), ..claim.job.progress.clone() }));
     let clock = Arc::new(Clock::new(workshop.rules.attempt_within));
     let watched = (progress.clone(), clock.clone());
     let heart = runtime.spawn(keep_lease(workshop.clone(), id.clone(), attempt, watched, stop.clone()));
-    let own = Own { prefix: Artifacts::of_attempt(&id, attempt), claim, progress, clock: clock.clone(), stop };
+    let prefix = Artifacts::of_attempt(&id, attempt);
+    let own = Own { prefix, claim, progress, clock: clock.clone(), stop, trail };
     // A panic in the numerics costs this attempt, not the solver thread.
     let own = Arc::new(own);
     let work = std::panic::AssertUnwindSafe(|| work(workshop, runtime, &own));
@@ -131,9 +134,14 @@ pub(super) fn run(workshop: &Arc<Workshop>, runtime: &Handle, claim: Claim) {
     match outcome {
         Ok(()) => {
             workshop.metrics.attempt_ended("successful");
+            own.trail.ended("successful");
             workshop.hooks.notify_one();
         }
-        Err(error) => runtime.block_on(settle(workshop, &own.claim, &own.prefix, &error)),
+        Err(error) => {
+            own.trail.fail(&error.to_string());
+            own.trail.enter("finish");
+            own.trail.ended(runtime.block_on(settle(workshop, &own.claim, &own.prefix, &error)));
+        }
     }
 }
 
@@ -144,6 +152,21 @@ struct Own {
     progress: Arc<Mutex<Progress>>,
     clock: Arc<Clock>,
     stop: Arc<AtomicBool>,
+    trail: Trail,
+}
+
+impl Own {
+    fn goes_on(&self) -> bool {
+        !self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Tells the trail of the stages that are a fit's own to know.
+    fn stage(&self, stage: Stage) {
+        self.trail.enter(match stage {
+            Stage::Fitting => "fit",
+            Stage::Covariance => "covariance",
+        });
+    }
 }
 
 fn work(workshop: &Arc<Workshop>, runtime: &Handle, own: &Arc<Own>) -> Result<(), AttemptError> {
@@ -158,6 +181,7 @@ fn work(workshop: &Arc<Workshop>, runtime: &Handle, own: &Arc<Own>) -> Result<()
     let (record, bytes) = formed?;
     let fitted = Instant::now();
     runtime.block_on(keep(workshop, &own.prefix, bytes, &own.stop))?;
+    own.trail.enter("finish");
     let job = &own.claim.job;
     let done = Progress::done(job.progress.max_iterations, &record.fit);
     match runtime.block_on(workshop.records.succeed(job.attempt, &record, &done))? {
@@ -177,23 +201,28 @@ fn waits(stop: Arc<AtomicBool>, within: Duration) -> impl Fn() -> bool {
 
 /// The map's record and its file: all that takes a core.
 fn form(workshop: &Workshop, own: &Own) -> Result<(MapRecord, Vec<u8>), AttemptError> {
-    let Own { claim, prefix, progress, clock, stop } = own;
+    let Own { claim, prefix, progress, clock, stop, trail } = own;
+    trail.enter("load");
     let (request, lineage) = {
         let stored = zstd::decode_all(&claim.request[..]).map_err(AttemptError::Unpack)?;
         let stored = Stored::read(&stored)?;
         (stored.request(&workshop.limits)?, stored.lineage)
     };
     set_stage(progress, "waiting for memory", 0.0);
-    let goes_on = || !stop.load(Ordering::Relaxed);
+    let goes_on = || own.goes_on();
     let (_, cost) = request.cost(&goes_on).ok_or(AttemptError::Stopped)?;
+    trail.enter("wait for memory");
     let _held = clock.without(|| workshop.memory.reserve(cost.bytes as u64, &goes_on)).ok_or(AttemptError::Stopped)?;
     set_stage(progress, "fitting", 0.0);
-    let fit = |request: &JobRequest| workshop.solver.map_of(request, progress, stop);
+    trail.enter("fit");
+    let follower = Follower { progress, stop, stage: &|stage| own.stage(stage) };
+    let fit = |request: &JobRequest| workshop.solver.map_of(request, &follower);
     let map = match &request.joined {
-        Some(joined) => fit_joined(&request, joined, (progress, stop), &workshop.limits, fit)?,
+        Some(joined) => fit_joined(&request, joined, own, &workshop.limits, fit)?,
         None => fit(&request)?,
     };
     set_stage(progress, "storing", WHOLE.1);
+    trail.enter("store");
     let bytes = map.to_npz()?;
     let record = record_of(claim, &map, (prefix, &bytes), lineage);
     Ok((record, bytes))
@@ -248,16 +277,17 @@ async fn keep(workshop: &Workshop, prefix: &str, bytes: Vec<u8>, stop: &AtomicBo
 fn fit_joined(
     request: &JobRequest,
     joined: &Joined,
-    (progress, stop): (&Mutex<Progress>, &AtomicBool),
+    own: &Own,
     limits: &Limits,
     fit: impl Fn(&JobRequest) -> Result<FittedMap, SurveyError>,
 ) -> Result<FittedMap, AttemptError> {
-    set_stage(progress, "aligning", 0.0);
-    let goes_on = || !stop.load(Ordering::Relaxed);
+    set_stage(&own.progress, "aligning", 0.0);
+    own.trail.enter("align");
+    let goes_on = || own.goes_on();
     let map_of = |frame: usize| joined.named.iter().position(|named| named.frame == frame).unwrap_or(frame);
     let places = aligned(&request.scans_in_frames(), &joined.guesses, &goes_on);
     let places = places.map_err(|error| error.of_map(map_of))?;
-    set_stage(progress, "fitting", 0.0);
+    set_stage(&own.progress, "fitting", 0.0);
     let placed = request.placed(&places, limits).map_err(JoinError::from)?;
     let mut map = fit(&placed)?;
     joined.tell(&mut map, &places);
@@ -299,41 +329,39 @@ async fn keep_lease(
     }
 }
 
-/// Says in the store what became of an attempt that has no map.
-async fn settle(workshop: &Workshop, claim: &Claim, prefix: &str, error: &AttemptError) {
+/// Says in the store what became of an attempt that has no map, and how it ended.
+async fn settle(workshop: &Workshop, claim: &Claim, prefix: &str, error: &AttemptError) -> &'static str {
     let (records, id, attempt) = (&workshop.records, &claim.job.id[..], claim.job.attempt);
     let queued = Progress::queued(claim.job.progress.max_iterations);
-    let outcome = match error {
+    let (ended, outcome) = match error {
         // Draining hands the job back; where the lease is lost this writes nothing.
-        AttemptError::Stopped => {
-            workshop.metrics.attempt_ended("stopped");
-            records.release(id, attempt, &queued).await
-        }
+        AttemptError::Stopped => ("stopped", records.release(id, attempt, &queued).await),
         error if error.may_pass() && attempt < MAX_ATTEMPTS => {
             tracing::warn!(job = %id, attempt, %error, "the attempt failed and is retried");
-            workshop.metrics.attempt_ended("retried");
             let message = runs_again(attempt, &error.to_string());
-            records.retry(id, attempt, backoff(attempt), &message, &queued).await
+            ("retried", records.retry(id, attempt, backoff(attempt), &message, &queued).await)
         }
         error => {
             tracing::warn!(job = %id, attempt, %error, "the job failed");
-            workshop.metrics.attempt_ended("failed");
             let failed = records.fail(id, attempt, &error.problem()).await;
             workshop.hooks.notify_one();
-            failed
+            ("failed", failed)
         }
     };
+    workshop.metrics.attempt_ended(ended);
     if let Err(error) = outcome {
         tracing::error!(job = %id, attempt, %error, "the attempt's end could not be stored; its lease will lapse");
     }
     // A finish whose answer was lost may have been committed: only what nobody owns is removed, the rest is swept
     // later. What was stopped has finished nothing, though the job may run again under the same number by now.
+    let written = Written { prefix: prefix.to_owned(), job_id: id.to_owned(), attempt };
     let is_nobodys = match error {
         AttemptError::Stopped => true,
-        _ => matches!(records.owns_prefix(prefix, id, attempt).await, Ok(false)),
+        _ => records.owned(&[written]).await.is_ok_and(|owned| owned == [false]),
     };
     let removal = tokio::time::timeout(REMOVED_WITHIN, workshop.artifacts.remove(prefix));
     if is_nobodys && !matches!(removal.await, Ok(Ok(()))) {
         tracing::warn!(job = %id, attempt, "the attempt's artifacts could not be removed; they will be swept");
     }
+    ended
 }

@@ -67,11 +67,11 @@ async fn tidy(workshop: &Workshop) {
 /// Removes maps that are kept no longer, but none that a place names; how many.
 async fn expire_maps(workshop: &Workshop) -> Result<usize, StoreError> {
     let Some(shortest) = workshop.rules.keep_maps.shortest() else { return Ok(0) };
-    let (records, mut after, mut expired) = (&workshop.records, String::new(), 0);
+    let (records, mut after, mut expired) = (&workshop.records, (i64::MIN, String::new()), 0);
     loop {
-        let page = records.maps_older_than(shortest, &after, MAPS).await?;
+        let page = records.maps_older_than(shortest, (after.0, &after.1), MAPS).await?;
         let Some((last, _)) = page.last() else { return Ok(expired) };
-        after = last.id.clone();
+        after = (last.created, last.id.clone());
         for (map, age) in page {
             if !workshop.rules.keep_maps.is_over(&map.labels, age) {
                 continue;

@@ -14,6 +14,7 @@ mod memory;
 mod metrics;
 mod rules;
 mod solver;
+mod trail;
 mod watch;
 pub mod webhooks;
 
@@ -21,19 +22,20 @@ use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use tokio::runtime::Handle;
 use tokio::sync::Notify;
 
 use crate::jobs::{Job, Limits};
 use crate::store::{Artifacts, Claim, Records, Terms};
+use crate::traces::Traces;
 
 pub use background::in_background;
 pub use memory::{Reserved, of_this_machine};
 pub use metrics::Metrics;
 pub use rules::Rules;
-pub use solver::{Solver, fit_request};
+pub use solver::{Follower, Solver, fit_request};
 
 use memory::Memory;
 
@@ -60,6 +62,7 @@ pub struct Workshop {
     memory: Memory,
     solver: Box<dyn Solver>,
     pub metrics: Metrics,
+    pub traces: Traces,
     /// Flags of the attempts that run in this process, by job.
     running: Mutex<HashMap<String, Arc<AtomicBool>>>,
     draining: tokio::sync::watch::Sender<bool>,
@@ -75,6 +78,7 @@ impl Workshop {
         artifacts: Artifacts,
         limits: Limits,
         rules: Rules,
+        traces: Traces,
     ) -> Result<Arc<Self>, prometheus::Error> {
         Self::with_solver(records, artifacts, limits, rules, Box::new(solver::Fit))
     }
@@ -95,6 +99,7 @@ impl Workshop {
             memory: Memory::new(rules.memory),
             solver,
             metrics: Metrics::new()?,
+            traces,
             rules,
             arrivals: Arc::default(),
             published: Notify::new(),
@@ -216,10 +221,10 @@ impl Solvers {
 fn solve(workshop: &Arc<Workshop>, runtime: &Handle, name: &str) {
     while !workshop.is_draining() {
         match runtime.block_on(next_claim(workshop, name)) {
-            Ok(Some(claim)) => {
+            Ok(Some((claim, asked))) => {
                 let (id, attempt) = (claim.job.id.clone(), claim.job.attempt);
                 tracing::info!(job = %id, attempt, "attempt begins");
-                attempt::run(workshop, runtime, claim);
+                attempt::run(workshop, runtime, claim, asked);
                 tracing::info!(job = %id, attempt, "attempt ends");
             }
             Ok(None) => {}
@@ -231,13 +236,15 @@ fn solve(workshop: &Arc<Workshop>, runtime: &Handle, name: &str) {
     }
 }
 
-async fn next_claim(workshop: &Workshop, name: &str) -> Result<Option<Claim>, crate::store::StoreError> {
+/// A claim, and when it was asked for.
+async fn next_claim(workshop: &Workshop, name: &str) -> Result<Option<(Claim, SystemTime)>, crate::store::StoreError> {
     // Listening starts before looking, so that a job accepted in between is not missed.
     let arrival = workshop.arrivals.notified();
     let Rules { lease, running_a_tenant, .. } = workshop.rules;
     let terms = Terms { worker: name.to_owned(), lease, running_a_tenant };
+    let asked = SystemTime::now();
     if let Some(claim) = workshop.records.claim(&terms).await? {
-        return Ok(Some(claim));
+        return Ok(Some((claim, asked)));
     }
     let _ = tokio::time::timeout(IDLE, arrival).await;
     Ok(None)

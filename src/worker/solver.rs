@@ -10,40 +10,37 @@ use crate::map::{FittedMap, Stage, Step, SurveyError};
 /// What the fit and its covariance take of the whole, in per cent: little is before them, and little after.
 pub(super) const WHOLE: (f64, f64) = (1.0, 97.0);
 
+/// Who follows a fit, and may end it.
+pub struct Follower<'a> {
+    /// Kept up to date.
+    pub progress: &'a Mutex<Progress>,
+    /// Ends the work within a step once it is set.
+    pub stop: &'a AtomicBool,
+    /// Told at every step which stage it belongs to.
+    pub stage: &'a dyn Fn(Stage),
+}
+
 /// What makes maps of requests. There is one; tests have others, which panic, or do not end.
 pub trait Solver: Send + Sync {
-    /// A map and its covariance. `progress` is kept up to date; the work ends soon after `stop` was set.
-    fn map_of(
-        &self,
-        request: &JobRequest,
-        progress: &Mutex<Progress>,
-        stop: &AtomicBool,
-    ) -> Result<FittedMap, SurveyError>;
+    /// A map and its covariance; see [`Follower`].
+    fn map_of(&self, request: &JobRequest, follower: &Follower<'_>) -> Result<FittedMap, SurveyError>;
 }
 
 /// [`fit_request`].
 pub(super) struct Fit;
 
 impl Solver for Fit {
-    fn map_of(
-        &self,
-        request: &JobRequest,
-        progress: &Mutex<Progress>,
-        stop: &AtomicBool,
-    ) -> Result<FittedMap, SurveyError> {
-        fit_request(request, progress, stop)
+    fn map_of(&self, request: &JobRequest, follower: &Follower<'_>) -> Result<FittedMap, SurveyError> {
+        fit_request(request, follower)
     }
 }
 
-/// The fit and its covariance. `progress` is kept up to date; `stop` ends the work within a step.
-pub fn fit_request(
-    request: &JobRequest,
-    progress: &Mutex<Progress>,
-    stop: &AtomicBool,
-) -> Result<FittedMap, SurveyError> {
+/// The fit and its covariance; see [`Follower`].
+pub fn fit_request(request: &JobRequest, follower: &Follower<'_>) -> Result<FittedMap, SurveyError> {
     let observer = |step: &Step| {
-        report(progress, step);
-        if stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        (follower.stage)(step.stage);
+        report(follower.progress, step);
+        if follower.stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     request.survey().map_watched(&observer)
 }

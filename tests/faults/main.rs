@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 use faulty::{Fault, Faulty};
 use mapfit::jobs::{JobStatus, Limits, Progress};
 use mapfit::store::{Artifacts, JobBoard, Listing, MapShelf, NewJob, SqliteStore, Submission};
+use mapfit::traces::Traces;
 use mapfit::worker::{Rules, Solvers, Workshop};
 use support::small;
 
@@ -37,6 +38,7 @@ fn job(seed: u64) -> NewJob {
         idempotency: Some((format!("key {seed}"), format!("digest {seed}"))),
         retry_of: None,
         deadline_seconds: None,
+        traceparent: None,
         quota: None,
     }
 }
@@ -70,7 +72,7 @@ async fn books_balance_after(point: &'static str, fault: Fault) {
     let store = Arc::new(Faulty::new(Arc::new(sqlite)));
     let artifacts = Artifacts::in_folder(&data.path().join("artifacts")).unwrap();
     let rules = Rules { lease: LEASE, sweep_every: Duration::from_millis(500), ..Rules::default() };
-    let workshop = Workshop::new(store.clone(), artifacts, Limits::default(), rules).unwrap();
+    let workshop = Workshop::new(store.clone(), artifacts, Limits::default(), rules, Traces::default()).unwrap();
     store.plan(point, fault, 2);
     if point == "retry" {
         // What has to be tried again is what could not be finished.

@@ -182,8 +182,8 @@ impl Housekeeping for Faulty {
     async fn reap(&self, verdict: Judge) -> Result<u64, StoreError> {
         self.at("reap", self.inner.reap(verdict)).await
     }
-    async fn owns_prefix(&self, prefix: &str, job_id: &str, attempt: i64) -> Result<bool, StoreError> {
-        self.inner.owns_prefix(prefix, job_id, attempt).await
+    async fn owned(&self, written: &[Written]) -> Result<Vec<bool>, StoreError> {
+        self.inner.owned(written).await
     }
     async fn probe(&self) -> Result<(), StoreError> {
         self.inner.probe().await
@@ -191,7 +191,7 @@ impl Housekeeping for Faulty {
     async fn maps_older_than(
         &self,
         age: Duration,
-        after: &str,
+        after: (i64, &str),
         limit: i64,
     ) -> Result<Vec<(MapRecord, Duration)>, StoreError> {
         self.inner.maps_older_than(age, after, limit).await

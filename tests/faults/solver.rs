@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use mapfit::jobs::{Job, JobRequest, JobStatus, Limits, Progress};
 use mapfit::map::{FittedMap, SurveyError};
 use mapfit::store::{Artifacts, JobBoard, SqliteStore, Submission};
-use mapfit::worker::{Rules, Solver, Solvers, Workshop, fit_request};
+use mapfit::worker::{Follower, Rules, Solver, Solvers, Workshop, fit_request};
 
 use crate::{TENANT, job};
 
@@ -36,12 +36,7 @@ struct Bad {
 }
 
 impl Solver for Bad {
-    fn map_of(
-        &self,
-        request: &JobRequest,
-        progress: &Mutex<Progress>,
-        stop: &AtomicBool,
-    ) -> Result<FittedMap, SurveyError> {
+    fn map_of(&self, request: &JobRequest, follower: &Follower<'_>) -> Result<FittedMap, SurveyError> {
         let bad = request.name.as_deref() == Some("experiment 1, bad");
         if bad && self.begun.fetch_add(1, Ordering::Relaxed) < self.times {
             let waits = |what: &AtomicBool| {
@@ -51,11 +46,11 @@ impl Solver for Bad {
             };
             match self.way {
                 Way::Panics => panic!("a wrong turn"),
-                Way::Lasts => waits(stop),
+                Way::Lasts => waits(follower.stop),
                 Way::IsDeaf => waits(&self.over),
             }
         }
-        fit_request(request, progress, stop)
+        fit_request(request, follower)
     }
 }
 

@@ -1,5 +1,6 @@
 //! What goes out of a store and in again, and what is kept no longer.
 
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use mapfit::jobs::JobStatus;
@@ -13,16 +14,17 @@ pub async fn old_maps_are_found_but_not_what_a_place_names(store: &dyn Records) 
     let publication = store.publish("a", "hall", &one.id, None, &Guard::Nothing).await.unwrap();
     assert!(matches!(publication, Publication::Published(_)));
     tokio::time::sleep(Duration::from_millis(20)).await;
-    assert!(store.maps_older_than(Duration::from_secs(60), "", 10).await.unwrap().is_empty());
-    let old = store.maps_older_than(Duration::from_millis(10), "", 10).await.unwrap();
-    let mut expected = [&two.id, &other.id];
-    expected.sort_unstable();
-    assert_eq!(old.iter().map(|(map, _)| &map.id).collect::<Vec<_>>(), expected, "of every tenant, by id");
+    assert!(store.maps_older_than(Duration::from_secs(60), (0, ""), 10).await.unwrap().is_empty());
+    let old = store.maps_older_than(Duration::from_millis(10), (0, ""), 10).await.unwrap();
+    let found: Vec<(i64, &str)> = old.iter().map(|(map, _)| (map.created, &map.id[..])).collect();
+    assert!(found.is_sorted(), "the oldest first: {found:?}");
+    let ids: BTreeSet<&str> = found.iter().map(|(_, id)| *id).collect();
+    assert_eq!(ids, BTreeSet::from([&two.id[..], &other.id]), "of every tenant");
     assert!(old.iter().all(|(_, age)| (Duration::from_millis(10)..Duration::from_secs(60)).contains(age)));
-    let rest = store.maps_older_than(Duration::ZERO, &old[0].0.id, 10).await.unwrap();
-    assert_eq!(rest.len(), 1);
+    let rest = store.maps_older_than(Duration::ZERO, found[0], 10).await.unwrap();
+    assert_eq!(rest.iter().map(|(map, _)| &map.id[..]).collect::<Vec<_>>(), [found[1].1]);
     store.remove_place("a", "hall", &Guard::Nothing).await.unwrap();
-    assert_eq!(store.maps_older_than(Duration::ZERO, "", 10).await.unwrap().len(), 3);
+    assert_eq!(store.maps_older_than(Duration::ZERO, (0, ""), 10).await.unwrap().len(), 3);
 }
 
 pub async fn what_is_saved_is_restored_once(store: &dyn Records) {

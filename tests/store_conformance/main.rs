@@ -6,12 +6,13 @@ mod lists;
 #[path = "../support/postgres.rs"]
 mod postgres_server;
 mod queue;
+mod scale;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 use mapfit::fit::{Poses, Weighting, Weights};
-use mapfit::jobs::{Job, JobStatus, MapRecord, Progress};
+use mapfit::jobs::{Job, MapRecord, Progress};
 use mapfit::map::FitReport;
 use mapfit::spline::Lattice;
 use mapfit::store::{JobBoard, Leases, Listing, NewJob, PostgresStore, Records, SqliteStore, Submission, Terms};
@@ -43,6 +44,7 @@ fn new_job(tenant: &str, priority: i32) -> NewJob {
         idempotency: None,
         retry_of: None,
         deadline_seconds: None,
+        traceparent: None,
         quota: None,
     }
 }
@@ -200,44 +202,5 @@ fn a_database_of_the_first_schema_is_brought_up_to_date() {
         assert_eq!((&claim.job.id[..8], claim.request), ("01900000", vec![0u8; 3]));
         assert_eq!(store.claim(&terms("w")).await.unwrap().unwrap().request, vec![3u8; 3]);
         assert!(store.claim(&terms("w")).await.unwrap().is_none());
-    });
-}
-
-/// What a claim and a page cost with 100,000 jobs in the queue; printed, and held to the bars.
-#[test]
-#[ignore = "nightly: cargo test --release --test store_conformance -- --ignored --nocapture"]
-fn claims_and_pages_at_a_hundred_thousand_jobs() {
-    let folder = tempfile::tempdir().unwrap();
-    tokio::runtime::Runtime::new().unwrap().block_on(async {
-        let store = SqliteStore::open(&folder.path().join("jobs.sqlite")).await.unwrap();
-        for k in 0..100_000 {
-            let labels = BTreeMap::from([
-                ("site".to_owned(), if k % 10 == 0 { "lab" } else { "hq" }.to_owned()),
-                ("robot".to_owned(), (k % 10_000).to_string()),
-            ]);
-            let tenant = format!("t{}", k % 1000);
-            accept(&store, NewJob { labels, ..new_job(&tenant, 0) }).await;
-        }
-        let p99 = |mut times: Vec<Duration>| {
-            times.sort_unstable();
-            times[times.len() * 99 / 100]
-        };
-        let mut claims = Vec::new();
-        for _ in 0..1000 {
-            let began = std::time::Instant::now();
-            assert!(store.claim(&terms("w")).await.unwrap().is_some());
-            claims.push(began.elapsed());
-        }
-        let mut pages = Vec::new();
-        for k in 0..500 {
-            let labels = vec![("site".to_owned(), "hq".to_owned()), ("robot".to_owned(), (k * 7).to_string())];
-            let status = Some(JobStatus::Accepted).filter(|_| k % 2 == 0);
-            let began = std::time::Instant::now();
-            store.jobs(&Listing { labels, status, limit: 51, ..listing(&format!("t{}", k * 7 % 1000)) }).await.unwrap();
-            pages.push(began.elapsed());
-        }
-        let (claim, page) = (p99(claims), p99(pages));
-        println!("99 % of claims within {claim:.1?}, of pages within {page:.1?}");
-        assert!(claim <= Duration::from_millis(10) && page <= Duration::from_millis(5));
     });
 }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use mapfit::jobs::lifecycle::{MAX_ATTEMPTS, after_lapse};
 use mapfit::jobs::{JobStatus, ProblemReport, Progress};
-use mapfit::store::{Cancellation, Holdings, MapRemoval, NewJob, Quota, Records, Submission, Terms};
+use mapfit::store::{Cancellation, Holdings, MapRemoval, NewJob, Quota, Records, Submission, Terms, Written};
 
 use crate::{DONE, LEASE, QUEUED, accept, listing, map_of, mapped, new_job, terms};
 
@@ -38,15 +38,18 @@ pub async fn a_lost_lease_never_writes(store: &dyn Records) {
     assert!(!store.release(&job.id, 1, &QUEUED).await.unwrap());
     assert!(!store.retry(&job.id, 1, Duration::ZERO, "late", &QUEUED).await.unwrap());
     assert!(store.maps(&listing("a")).await.unwrap().is_empty());
-    assert!(store.owns_prefix("attempts/x/2", &job.id, 2).await.unwrap());
+    let written = |prefix: &str, attempt| Written { prefix: prefix.into(), job_id: job.id.clone(), attempt };
+    let own = written("attempts/x/2", 2);
+    assert_eq!(store.owned(&[written("attempts/x/1", 1), own.clone()]).await.unwrap(), [false, true]);
     let map = map_of(&second);
     assert!(store.succeed(2, &map, &DONE).await.unwrap());
     assert!(!store.succeed(2, &map_of(&second), &DONE).await.unwrap(), "a job succeeds once");
     let done = store.job("a", &job.id).await.unwrap().unwrap();
     assert_eq!((done.status, done.map_id.as_deref()), (JobStatus::Successful, Some(map.id.as_str())));
     assert_eq!(done.progress.max_iterations, 5);
-    assert!(store.owns_prefix(&map.prefix, &job.id, 2).await.unwrap());
-    assert!(!store.owns_prefix("attempts/x/1", &job.id, 1).await.unwrap());
+    let asked = [written(&map.prefix, 2), own, Written { job_id: String::new(), ..written(&map.prefix, 0) }];
+    assert_eq!(store.owned(&asked).await.unwrap(), [true, false, true], "once it has ended, what its map names");
+    assert!(store.owned(&[]).await.unwrap().is_empty());
 }
 
 pub async fn a_cancelled_job_takes_no_result(store: &dyn Records) {

@@ -67,6 +67,7 @@ pub async fn retry_job(
         idempotency: None,
         retry_of: Some(job.id),
         deadline_seconds: job.deadline.map(span),
+        traceparent: None,
         quota: Some(state.limits.quota),
     };
     accept(&state, new).await

@@ -5,6 +5,8 @@ use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
+use opentelemetry::Context;
+use opentelemetry::trace::SpanKind;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -98,8 +100,10 @@ impl Reading {
     }
 }
 
-/// Submits, and answers with the job.
+/// Submits, and answers with the job. Its attempts' spans are under this one, which is under the request's.
 pub async fn accept(state: &AppState, new: NewJob) -> Result<Response, Problem> {
+    let span = state.workshop.traces.begin("submit", SpanKind::Producer, &Context::current(), None);
+    let new = NewJob { traceparent: span.traceparent(), ..new };
     let (status, job) = match state.workshop.records.submit(new).await? {
         Submission::Accepted(job) => (StatusCode::ACCEPTED, job),
         Submission::Repeated(job) => (StatusCode::OK, job),
@@ -115,6 +119,7 @@ pub async fn accept(state: &AppState, new: NewJob) -> Result<Response, Problem> 
         }
     };
     state.workshop.arrivals.notify_one();
+    span.set("mapfit.job.id", job.id.clone());
     let location = format!("/v1/jobs/{}", job.id);
     let mut response = (status, Json(JobBody::from(job))).into_response();
     if let Ok(location) = HeaderValue::from_str(&location) {
@@ -175,6 +180,7 @@ pub fn new_job(request: JobRequest, stored: &[u8], idempotency: Option<(String, 
         idempotency,
         retry_of: None,
         deadline_seconds: request.deadline_seconds,
+        traceparent: None,
         quota: None,
     })
 }

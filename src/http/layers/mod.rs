@@ -5,3 +5,4 @@ pub mod conventions;
 pub mod counted;
 pub mod guard;
 pub mod keys;
+pub mod traced;

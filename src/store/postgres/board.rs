@@ -25,8 +25,8 @@ const INSERT: &str = "WITH clock AS MATERIALIZED (SELECT now_ms() AS at), \
                SELECT $2, $11, $12, $1 WHERE $11 IS NOT NULL), \
      kept AS (INSERT INTO requests (job_id, request) VALUES ($1, $10)), \
      j AS (INSERT INTO jobs (id, tenant, name, labels, status, progress, message, priority, retry_of, deadline, \
-                             created, updated) \
-           SELECT $1, $2, $3, $4, 'accepted', $5, $6, $7, $8, at + $9, at, at FROM clock RETURNING *) SELECT ";
+                             traceparent, created, updated) \
+           SELECT $1, $2, $3, $4, 'accepted', $5, $6, $7, $8, at + $9, $13, at, at FROM clock RETURNING *) SELECT ";
 const REQUEST: &str = "SELECT requests.request FROM jobs JOIN requests ON requests.job_id = jobs.id \
                        WHERE jobs.id = $1 AND jobs.tenant = $2";
 const DISMISS: &str = concat!(
@@ -171,7 +171,7 @@ async fn insert(connection: &mut PgConnection, new: &NewJob) -> Result<Job, Stor
     let insert = insert.bind(&new.message).bind(new.priority).bind(&new.retry_of);
     // The sum of a time and nothing is nothing.
     let insert = insert.bind(new.deadline_seconds.map(|seconds| (seconds * 1000.0) as i64));
-    let insert = insert.bind(&new.request[..]).bind(key).bind(body);
+    let insert = insert.bind(&new.request[..]).bind(key).bind(body).bind(&new.traceparent);
     // All rows, though there is one: only then is the commit known of.
     let rows: Vec<PgRow> = insert.fetch_all(connection).await?;
     rows.first().map_or_else(|| Err(sqlx::Error::RowNotFound.into()), rows::job)

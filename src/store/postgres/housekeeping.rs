@@ -9,7 +9,7 @@ use super::rows::{self, JOB, MAP};
 use super::{PostgresStore, now};
 use crate::jobs::lifecycle::{Verdict, past_deadline};
 use crate::jobs::{MapRecord, Progress};
-use crate::store::{Holdings, Housekeeping, Judge, StoreError};
+use crate::store::{Holdings, Housekeeping, Judge, StoreError, Written};
 
 /// Jobs failed for their deadline by one statement, and how many such statements a reaping makes.
 const BATCH: i64 = 100;
@@ -45,8 +45,11 @@ macro_rules! rescued {
 }
 const FAIL: &str = rescued!("status = 'failed', problem = $3, finished = ", now!());
 const AGAIN: &str = rescued!("status = 'accepted', message = $3, progress = $4");
-const OWNED: &str = "SELECT EXISTS (SELECT 1 FROM maps WHERE prefix = $1) \
-                     OR EXISTS (SELECT 1 FROM jobs WHERE id = $2 AND attempt = $3 AND status = 'running')";
+const OWNED: &str = "SELECT EXISTS (SELECT 1 FROM maps WHERE maps.prefix = asked.prefix) \
+                     OR EXISTS (SELECT 1 FROM jobs WHERE jobs.id = asked.job_id AND jobs.attempt = asked.attempt \
+                                AND jobs.status = 'running') \
+                     FROM unnest($1::text[], $2::text[], $3::bigint[]) WITH ORDINALITY \
+                          AS asked (prefix, job_id, attempt, place) ORDER BY asked.place";
 const READ: &str = "SELECT (SELECT id FROM lanes LIMIT 1), (SELECT max(id) FROM jobs), (SELECT max(id) FROM maps)";
 const WRITE: &str = concat!(
     "INSERT INTO probes (id, written) VALUES (1, ",
@@ -54,9 +57,9 @@ const WRITE: &str = concat!(
     ") ON CONFLICT (id) DO UPDATE SET written = excluded.written"
 );
 const OLD: &str = concat!(
-    " FROM maps AS m WHERE m.id > $1 AND m.created < ",
+    " FROM maps AS m WHERE (m.created, m.id) > ($1, $2) AND m.created < ",
     now!(),
-    " - $2 AND NOT EXISTS (SELECT 1 FROM place_versions WHERE map_id = m.id) ORDER BY m.id LIMIT $3"
+    " - $3 AND NOT EXISTS (SELECT 1 FROM place_versions WHERE map_id = m.id) ORDER BY m.created, m.id LIMIT $4"
 );
 const HOLDINGS: &str = "SELECT COALESCE(sum(queued), 0)::bigint, (SELECT count(*) FROM leases WHERE tenant = $1), \
                         COALESCE(sum(maps), 0)::bigint, COALESCE(sum(bytes), 0)::bigint FROM holdings WHERE tenant = $1";
@@ -92,9 +95,11 @@ impl Housekeeping for PostgresStore {
         Ok(reaped)
     }
 
-    async fn owns_prefix(&self, prefix: &str, job_id: &str, attempt: i64) -> Result<bool, StoreError> {
-        let query = sqlx::query_scalar(OWNED).bind(prefix).bind(job_id).bind(attempt);
-        Ok(query.fetch_one(&self.pool).await?)
+    async fn owned(&self, written: &[Written]) -> Result<Vec<bool>, StoreError> {
+        let texts = |of: fn(&Written) -> &str| written.iter().map(|one| of(one).to_owned()).collect::<Vec<_>>();
+        let attempts: Vec<i64> = written.iter().map(|one| one.attempt).collect();
+        let query = sqlx::query_scalar(OWNED).bind(texts(|one| &one.prefix)).bind(texts(|one| &one.job_id));
+        Ok(query.bind(attempts).fetch_all(&self.pool).await?)
     }
 
     async fn probe(&self) -> Result<(), StoreError> {
@@ -106,12 +111,12 @@ impl Housekeeping for PostgresStore {
     async fn maps_older_than(
         &self,
         age: Duration,
-        after: &str,
+        (created, id): (i64, &str),
         limit: i64,
     ) -> Result<Vec<(MapRecord, Duration)>, StoreError> {
         let query = format!("SELECT {MAP}, {} - m.created AS age{OLD}", now!());
-        let query = sqlx::query(AssertSqlSafe(query)).bind(after).bind(age.as_millis() as i64).bind(limit);
-        query.fetch_all(&self.pool).await?.iter().map(rows::aged_map).collect()
+        let query = sqlx::query(AssertSqlSafe(query)).bind(created).bind(id).bind(age.as_millis() as i64);
+        query.bind(limit).fetch_all(&self.pool).await?.iter().map(rows::aged_map).collect()
     }
 
     async fn holdings(&self, tenant: &str) -> Result<Holdings, StoreError> {

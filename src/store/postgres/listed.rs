@@ -59,6 +59,15 @@ enum Bound<'a> {
     AtMost(usize),
 }
 
+impl Bound<'_> {
+    fn relation(&self) -> &'static str {
+        match self {
+            Self::Start(_) | Self::Walked => "<",
+            Self::AtMost(_) => "<=",
+        }
+    }
+}
+
 /// The query for a page. A step of the walk asks one leg after the other, each from where the one before came to; where the
 /// last is where the first is all agree. What a leg does not have is null, and ends the walk.
 pub fn page(listed: &Listed, listing: &Listing) -> QueryBuilder<Postgres> {
@@ -97,33 +106,49 @@ fn push_step(query: &mut QueryBuilder<Postgres>, listed: &Listed, legs: &[Leg<'_
     }
 }
 
-/// The next id of a leg.
+/// The next id of a leg. Where the primary key could be walked, too, until a row fits, tenant and status are part of what is
+/// ordered by, which only the leg's own index is: a planner that thinks a status frequent would walk past every job.
 fn push_leg(query: &mut QueryBuilder<Postgres>, listed: &Listed, leg: &Leg<'_>, tenant: &str, bound: &Bound<'_>) {
-    let (table, id) = match leg {
-        Leg::Label(_) => (listed.labels, listed.label_id),
-        _ => (listed.table, "id"),
-    };
-    query.push(format!("(SELECT {id} AS id FROM {table} WHERE tenant = ")).push_bind(tenant.to_owned());
+    let Listed { table, labels, label_id, .. } = listed;
     match leg {
-        Leg::Every => {}
         Leg::Label((key, value)) => {
+            query.push(format!("(SELECT {label_id} AS id FROM {labels} WHERE tenant = ")).push_bind(tenant.to_owned());
             query.push(" AND key = ").push_bind(key.clone()).push(" AND value = ").push_bind(value.clone());
-        }
-        Leg::Status(status) => {
-            query.push(" AND status = ").push_bind(*status);
+            query.push(format!(" AND {label_id} {} ", bound.relation()));
+            push_bound(query, bound);
+            query.push(format!(" ORDER BY {labels}.{label_id} DESC LIMIT 1)"));
         }
         Leg::Within([min_x, min_y, max_x, max_y]) => {
+            query.push(format!("(SELECT id FROM {table} WHERE tenant >= ")).push_bind(tenant.to_owned());
             query.push(" AND min_x <= ").push_bind(*max_x).push(" AND max_x >= ").push_bind(*min_x);
             query.push(" AND min_y <= ").push_bind(*max_y).push(" AND max_y >= ").push_bind(*min_y);
+            query.push(format!(" AND (tenant, id) {} (", bound.relation())).push_bind(tenant.to_owned()).push(", ");
+            push_bound(query, bound);
+            query.push(") ORDER BY tenant DESC, id DESC LIMIT 1)");
+        }
+        Leg::Every => {
+            query.push("(SELECT CASE WHEN tenant = ").push_bind(tenant.to_owned());
+            query.push(format!(" THEN id END AS id FROM (SELECT tenant, id FROM {table} WHERE (tenant, id) "));
+            query.push(bound.relation()).push(" (").push_bind(tenant.to_owned()).push(", ");
+            push_bound(query, bound);
+            query.push(") ORDER BY tenant DESC, id DESC LIMIT 1) AS before)");
+        }
+        Leg::Status(status) => {
+            query.push("(SELECT CASE WHEN tenant = ").push_bind(tenant.to_owned());
+            query.push(" AND status = ").push_bind(*status);
+            query.push(format!(" THEN id END AS id FROM (SELECT tenant, status, id FROM {table}"));
+            query.push(format!(" WHERE (tenant, status, id) {} (", bound.relation()));
+            query.push_bind(tenant.to_owned()).push(", ").push_bind(*status).push(", ");
+            push_bound(query, bound);
+            query.push(") ORDER BY tenant DESC, status DESC, id DESC LIMIT 1) AS before)");
         }
     }
+}
+
+fn push_bound(query: &mut QueryBuilder<Postgres>, bound: &Bound<'_>) {
     match bound {
-        Bound::Start(start) => query.push(format!(" AND {id} < ")).push_bind((*start).to_owned()),
-        Bound::Walked => {
-            let from = "CASE WHEN walk.low = walk.high THEN walk.low ELSE walk.low || ' ' END";
-            query.push(format!(" AND {id} < {from}"))
-        }
-        Bound::AtMost(before) => query.push(format!(" AND {id} <= s{before}.id")),
+        Bound::Start(start) => query.push_bind((*start).to_owned()),
+        Bound::Walked => query.push("CASE WHEN walk.low = walk.high THEN walk.low ELSE walk.low || ' ' END"),
+        Bound::AtMost(before) => query.push(format!("s{before}.id")),
     };
-    query.push(format!(" ORDER BY {table}.{id} DESC LIMIT 1)"));
 }

@@ -14,8 +14,8 @@ const KEEP_KEY: &str = "INSERT INTO idempotency_keys (tenant, key, body, job_id)
 const KEEP_REQUEST: &str = "INSERT INTO requests (job_id, request) VALUES (?, ?)";
 const HELD: &str = "SELECT queued, bytes FROM holdings WHERE tenant = ?";
 const INSERT: &str = concat!(
-    "INSERT INTO jobs (id, tenant, name, labels, status, progress, message, priority, retry_of, deadline, created, updated) \
-     VALUES (?, ?, ?, ?, 'accepted', ?, ?, ?, ?, ",
+    "INSERT INTO jobs (id, tenant, name, labels, status, progress, message, priority, retry_of, traceparent, deadline, created, \
+     updated) VALUES (?, ?, ?, ?, 'accepted', ?, ?, ?, ?, ?, ",
     now!(),
     " + ?, ",
     now!(),
@@ -124,7 +124,7 @@ pub(super) async fn enter(tx: &mut Transaction<'static, Sqlite>, new: &NewJob) -
     let insert = sqlx::query(AssertSqlSafe(format!("{INSERT} RETURNING {JOB}"))).bind(&id).bind(&new.tenant);
     let insert = insert.bind(&new.name).bind(serde_json::to_string(&new.labels)?);
     let insert = insert.bind(serde_json::to_string(&new.progress)?).bind(&new.message);
-    let insert = insert.bind(new.priority).bind(&new.retry_of);
+    let insert = insert.bind(new.priority).bind(&new.retry_of).bind(&new.traceparent);
     // The sum of a time and nothing is nothing.
     let insert = insert.bind(new.deadline_seconds.map(|seconds| (seconds * 1000.0) as i64));
     // All rows, though there is one: only then is the statement at its end.

@@ -9,7 +9,7 @@ use super::rows::{self, JOB, MAP};
 use super::{SqliteStore, now};
 use crate::jobs::lifecycle::{Verdict, past_deadline};
 use crate::jobs::{MapRecord, ProblemReport, Progress};
-use crate::store::{Holdings, Housekeeping, Judge, StoreError};
+use crate::store::{Holdings, Housekeeping, Judge, StoreError, Written};
 
 const LAPSED: &str = concat!(" FROM jobs WHERE status = 'running' AND lease_until < ", now!());
 const OVERDUE: &str = concat!(
@@ -29,8 +29,10 @@ const AGAIN: &str = concat!(
     now!(),
     " WHERE id = ?"
 );
-const OWNERS: &str = "SELECT (SELECT count(*) FROM maps WHERE prefix = ?) \
-                      + (SELECT count(*) FROM jobs WHERE id = ? AND attempt = ? AND status = 'running')";
+const OWNED: &str = "SELECT EXISTS (SELECT 1 FROM maps WHERE maps.prefix = asked.value ->> 0) \
+                     OR EXISTS (SELECT 1 FROM jobs WHERE jobs.id = asked.value ->> 1 \
+                                AND jobs.attempt = asked.value ->> 2 AND jobs.status = 'running') \
+                     FROM json_each(?) AS asked ORDER BY asked.key";
 const READ: &str = "SELECT (SELECT id FROM turns LIMIT 1), (SELECT max(id) FROM jobs), (SELECT max(id) FROM maps)";
 const WRITE: &str = concat!(
     "INSERT INTO probes (id, written) VALUES (1, ",
@@ -38,9 +40,9 @@ const WRITE: &str = concat!(
     ") ON CONFLICT (id) DO UPDATE SET written = excluded.written"
 );
 const OLD: &str = concat!(
-    " FROM maps WHERE id > ? AND created < ",
+    " FROM maps WHERE (created, id) > (?, ?) AND created < ",
     now!(),
-    " - ? AND NOT EXISTS (SELECT 1 FROM place_versions WHERE map_id = maps.id) ORDER BY id LIMIT ?"
+    " - ? AND NOT EXISTS (SELECT 1 FROM place_versions WHERE map_id = maps.id) ORDER BY created, id LIMIT ?"
 );
 const HOLDINGS: &str = "SELECT queued, running, maps, bytes FROM holdings WHERE tenant = ?";
 const TOTALS: &str = "SELECT COALESCE(sum(queued), 0), COALESCE(sum(running), 0), COALESCE(sum(maps), 0), \
@@ -70,9 +72,10 @@ impl Housekeeping for SqliteStore {
         Ok((overdue.len() + lapsed.len()) as u64)
     }
 
-    async fn owns_prefix(&self, prefix: &str, job_id: &str, attempt: i64) -> Result<bool, StoreError> {
-        let query = sqlx::query_scalar::<_, i64>(OWNERS).bind(prefix).bind(job_id).bind(attempt);
-        Ok(query.fetch_one(&self.readers).await? > 0)
+    async fn owned(&self, written: &[Written]) -> Result<Vec<bool>, StoreError> {
+        let asked: Vec<_> = written.iter().map(|one| (&one.prefix, &one.job_id, one.attempt)).collect();
+        let asked = serde_json::to_string(&asked)?;
+        Ok(sqlx::query_scalar(OWNED).bind(asked).fetch_all(&self.readers).await?)
     }
 
     async fn probe(&self) -> Result<(), StoreError> {
@@ -85,12 +88,12 @@ impl Housekeeping for SqliteStore {
     async fn maps_older_than(
         &self,
         age: Duration,
-        after: &str,
+        (created, id): (i64, &str),
         limit: i64,
     ) -> Result<Vec<(MapRecord, Duration)>, StoreError> {
         let query = format!("SELECT {MAP}, {} - created AS age{OLD}", now!());
-        let query = sqlx::query(AssertSqlSafe(query)).bind(after).bind(age.as_millis() as i64).bind(limit);
-        query.fetch_all(&self.readers).await?.iter().map(rows::aged_map).collect()
+        let query = sqlx::query(AssertSqlSafe(query)).bind(created).bind(id).bind(age.as_millis() as i64);
+        query.bind(limit).fetch_all(&self.readers).await?.iter().map(rows::aged_map).collect()
     }
 
     async fn holdings(&self, tenant: &str) -> Result<Holdings, StoreError> {

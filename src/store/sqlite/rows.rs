@@ -5,7 +5,7 @@ pub use crate::store::rows::{aged_map, delivery, job, key, map, place, webhook};
 
 /// A job's columns, all but what leases need.
 pub const JOB: &str = "id, tenant, name, labels, status, progress, message, problem, created, started, finished, updated, \
-                       attempt, priority, map_id, revision, retry_of, deadline";
+                       attempt, priority, map_id, revision, retry_of, deadline, traceparent";
 
 /// A map's columns.
 pub const MAP: &str =
