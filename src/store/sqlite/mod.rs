@@ -23,6 +23,7 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePo
 use sqlx::{Connection, Sqlite, Transaction};
 
 use super::StoreError;
+use super::schema::{self, migrator};
 
 /// Milliseconds since 1970 by the database's clock.
 macro_rules! now {
@@ -31,6 +32,13 @@ macro_rules! now {
     };
 }
 use now;
+
+/// Under `migrations/sqlite`, from the first on.
+pub(super) const MIGRATIONS: [schema::File; 3] = [
+    (1, "jobs and maps", include_str!("../../../migrations/sqlite/0001_jobs_and_maps.sql")),
+    (2, "queue and labels", include_str!("../../../migrations/sqlite/0002_queue_and_labels.sql")),
+    (3, "fleet", include_str!("../../../migrations/sqlite/0003_fleet.sql")),
+];
 
 /// [`super::Records`] in one SQLite file.
 pub struct SqliteStore {
@@ -60,7 +68,7 @@ impl SqliteStore {
             )
         };
         let writer = pool(1).connect_with(options.clone()).await?;
-        sqlx::migrate!("migrations/sqlite").run(&writer).await?;
+        migrator(&MIGRATIONS).run(&writer).await?;
         let readers = pool(4).connect_with(options).await?;
         Ok(Self { readers, writer })
     }
