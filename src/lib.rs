@@ -48,6 +48,9 @@
 //! Everything down to `reproduce` is pure: data, an observer and a cancellation flag in, data or a typed error out. It
 //! builds alone with `--no-default-features`.
 
+// Nothing that comes in may end the process; tests may.
+#![cfg_attr(not(test), warn(clippy::unwrap_used))]
+
 pub mod fit;
 pub mod geometry;
 pub mod living;

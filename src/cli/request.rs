@@ -112,7 +112,7 @@ pub struct LogOptions {
     /// For poses from wheel odometry: the motion model's alpha1,alpha2,alpha3,alpha4 as Nav2's AMCL has them (say
     /// 0.2,0.2,0.2,0.2). Poses' covariances grow along the way, from sigma-xy and sigma-theta at the first scan taken
     /// (logs).
-    #[arg(long, env = "MAPFIT_ODOMETRY", value_delimiter = ',', num_args = 4)]
+    #[arg(long, env = "MAPFIT_ODOMETRY", value_delimiter = ',')]
     odometry: Option<Vec<f64>>,
     /// The topic with the scans, where a recording has several (MCAP).
     #[arg(long, env = "MAPFIT_SCAN_TOPIC")]

@@ -22,6 +22,7 @@ mod leases;
 mod places;
 mod postgres;
 mod rows;
+mod schema;
 mod shelf;
 mod sqlite;
 mod webhooks;

@@ -12,7 +12,7 @@ use crate::http::layers::guard::policy;
 use crate::http::shared::problem::Problem;
 
 #[derive(RustEmbed)]
-#[folder = "$CARGO_MANIFEST_DIR/console/dist"]
+#[folder = "console/dist"]
 struct Built;
 
 /// Names are hashes of what is in them.

@@ -24,6 +24,7 @@ use sqlx::{ConnectOptions, Connection, Postgres, Transaction};
 use tokio::sync::Notify;
 
 use super::StoreError;
+use super::schema::{self, migrator};
 
 /// Milliseconds since 1970 by the database's clock, once a statement: so that an index can be searched for it.
 macro_rules! now {
@@ -50,6 +51,13 @@ const SETTINGS: [(&str, &str); 8] = [
     ("jit", "off"),
 ];
 
+/// Under `migrations/postgres`, from the first on.
+pub(super) const MIGRATIONS: [schema::File; 3] = [
+    (1, "records", include_str!("../../../migrations/postgres/0001_records.sql")),
+    (2, "lists and sweeps", include_str!("../../../migrations/postgres/0002_lists_and_sweeps.sql")),
+    (3, "traces", include_str!("../../../migrations/postgres/0003_traces.sql")),
+];
+
 /// [`super::Records`] in a PostgreSQL database.
 pub struct PostgresStore {
     pool: PgPool,
@@ -61,7 +69,7 @@ impl PostgresStore {
         let plain = PgConnectOptions::from_str(url)?.application_name("mapfit");
         // Processes that start at once wait here for the first, however long it takes.
         let mut connection = plain.connect().await?;
-        sqlx::migrate!("migrations/postgres").run(&mut connection).await?;
+        migrator(&MIGRATIONS).run(&mut connection).await?;
         connection.close().await?;
         let pool = PgPoolOptions::new().max_connections(max_connections).acquire_timeout(Duration::from_secs(20));
         let pool = pool.connect_with(plain.options(SETTINGS)).await?;

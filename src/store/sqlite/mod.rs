@@ -26,6 +26,7 @@ use sqlx::{Connection, Sqlite, Transaction};
 
 use self::intake::Intake;
 use super::StoreError;
+use super::schema::{self, migrator};
 
 /// Milliseconds since 1970 by the database's clock.
 macro_rules! now {
@@ -34,6 +35,15 @@ macro_rules! now {
     };
 }
 use now;
+
+/// Under `migrations/sqlite`, from the first on.
+pub(super) const MIGRATIONS: [schema::File; 5] = [
+    (1, "jobs and maps", include_str!("../../../migrations/sqlite/0001_jobs_and_maps.sql")),
+    (2, "queue and labels", include_str!("../../../migrations/sqlite/0002_queue_and_labels.sql")),
+    (3, "fleet", include_str!("../../../migrations/sqlite/0003_fleet.sql")),
+    (4, "sweeps", include_str!("../../../migrations/sqlite/0004_sweeps.sql")),
+    (5, "traces", include_str!("../../../migrations/sqlite/0005_traces.sql")),
+];
 
 /// [`super::Records`] in one SQLite file.
 pub struct SqliteStore {
@@ -64,7 +74,7 @@ impl SqliteStore {
             )
         };
         let writer = pool(1).connect_with(options.clone()).await?;
-        sqlx::migrate!("migrations/sqlite").run(&writer).await?;
+        migrator(&MIGRATIONS).run(&writer).await?;
         let readers = pool(4).connect_with(options).await?;
         Ok(Self { readers, intake: Intake::new(writer.clone()), writer })
     }
