@@ -110,6 +110,7 @@ for (const [name, content, words] of [
 
 test("a file that is too large is refused before it is read", async ({ page }) => {
   await open(page, "#/submit");
+  await page.locator(".drop").waitFor();
   await page.evaluate(() => {
     const dataTransfer = new DataTransfer();
     dataTransfer.items.add(new File([new Uint8Array(70 * 1024 ** 2)], "huge.json"));
