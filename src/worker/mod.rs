@@ -80,7 +80,7 @@ impl Workshop {
         rules: Rules,
         traces: Traces,
     ) -> Result<Arc<Self>, prometheus::Error> {
-        Self::with_solver(records, artifacts, limits, rules, Box::new(solver::Fit))
+        Self::with_solver(records, artifacts, limits, rules, traces, Box::new(solver::Fit))
     }
 
     /// With another solver than the usual one.
@@ -89,6 +89,7 @@ impl Workshop {
         artifacts: Artifacts,
         limits: Limits,
         rules: Rules,
+        traces: Traces,
         solver: Box<dyn Solver>,
     ) -> Result<Arc<Self>, prometheus::Error> {
         let draining = tokio::sync::watch::Sender::new(false);

@@ -2,13 +2,14 @@
 //! its own job what it must, and no other.
 
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use mapfit::jobs::{Job, JobRequest, JobStatus, Limits, Progress};
+use mapfit::jobs::{Job, JobRequest, JobStatus, Limits};
 use mapfit::map::{FittedMap, SurveyError};
 use mapfit::store::{Artifacts, JobBoard, SqliteStore, Submission};
+use mapfit::traces::Traces;
 use mapfit::worker::{Follower, Rules, Solver, Solvers, Workshop, fit_request};
 
 use crate::{TENANT, job};
@@ -79,7 +80,8 @@ impl Scene {
         let over = Arc::new(AtomicBool::new(false));
         let bad = Bad { way, times, begun: AtomicUsize::new(0), over: over.clone() };
         let workshop =
-            Workshop::with_solver(store.clone(), artifacts, Limits::default(), rules, Box::new(bad)).unwrap();
+            Workshop::with_solver(store.clone(), artifacts, Limits::default(), rules, Traces::default(), Box::new(bad))
+                .unwrap();
         let solvers = Solvers::start(workshop, 1, &tokio::runtime::Handle::current()).unwrap();
         Self { store, solvers, over }
     }
