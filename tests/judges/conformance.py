@@ -1,5 +1,5 @@
 """The service against its own OpenAPI document, judged by schemathesis: every check, the same requests each time. Arguments: base URL, an API key
-of every scope.
+of every scope, and how many examples an operation has (12; a night has time for 100).
 
 A client generated from the document must work, so the document must be true: statuses, media types, bodies and headers
 are those it names, what it forbids is refused, what it allows is accepted or refused for a reason that no schema can say.
@@ -17,6 +17,7 @@ from schemathesis.cli import schemathesis as command
 from schemathesis.openapi.checks import UseAfterFree
 
 base, key = sys.argv[1].rstrip("/"), sys.argv[2]
+examples = int(sys.argv[3]) if len(sys.argv) > 3 else 12
 
 
 def scan(beams):
@@ -144,7 +145,7 @@ bearer = "{key}"
 [generation]
 deterministic = true
 database = "none"
-max-examples = 20
+max-examples = {examples}
 
 [checks.positive_data_acceptance]
 expected-statuses = ["2xx", "304", "404", "409"]
@@ -176,5 +177,5 @@ parameters."path.id" = {{ dictionary = "maps", probability = 0.6 }}
 
 with tempfile.TemporaryDirectory() as folder:
     config = Path(folder, "schemathesis.toml")
-    config.write_text(CONFIG.format(job_id=job_id, map_id=map_id, key=key))
+    config.write_text(CONFIG.format(job_id=job_id, map_id=map_id, key=key, examples=examples))
     command.main(["--no-color", "--config-file", str(config), "run", f"{base}/openapi.json", "--checks", "all"])
