@@ -17,7 +17,7 @@ from schemathesis.cli import schemathesis as command
 from schemathesis.openapi.checks import UseAfterFree
 
 base, key = sys.argv[1].rstrip("/"), sys.argv[2]
-examples = int(sys.argv[3]) if len(sys.argv) > 3 else 12
+EXAMPLES = int(sys.argv[3]) if len(sys.argv) > 3 else 12
 
 
 def scan(beams):
@@ -177,5 +177,5 @@ parameters."path.id" = {{ dictionary = "maps", probability = 0.6 }}
 
 with tempfile.TemporaryDirectory() as folder:
     config = Path(folder, "schemathesis.toml")
-    config.write_text(CONFIG.format(job_id=job_id, map_id=map_id, key=key, examples=examples))
+    config.write_text(CONFIG.format(job_id=job_id, map_id=map_id, key=key, examples=EXAMPLES))
     command.main(["--no-color", "--config-file", str(config), "run", f"{base}/openapi.json", "--checks", "all"])
