@@ -1,4 +1,4 @@
-"""docs/localization.md and its plot, from docs/localization/cases.csv, which `scripts/localization` writes."""
+"""localization.md and its plot, from cases.csv, all in target/localization, which `scripts/localization` writes."""
 
 import csv
 
@@ -30,7 +30,7 @@ off by a known amount. All methods have the same scans of the map, the same star
 
 `scripts/localization` renews this page. A failure is 0.5 m or 10 degrees.
 
-![Errors by method](localization/errors.svg)
+![Errors by method](errors.svg)
 
 """
 END = """
@@ -59,13 +59,13 @@ def drawn(rows):
     axes.set_xlabel("error of the position, mm: median (full), 95 % (pale)")
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=9)
-    figure.savefig("docs/localization/errors.svg", metadata={"Date": None})
+    figure.savefig("target/localization/errors.svg", metadata={"Date": None})
 
 
 def main():
-    rows = list(csv.DictReader(open("docs/localization/cases.csv")))
+    rows = list(csv.DictReader(open("target/localization/cases.csv")))
     drawn(rows)
-    with open("docs/localization.md", "w") as page:
+    with open("target/localization/localization.md", "w") as page:
         page.write(TOP)
         for case in dict.fromkeys(row["case"] for row in rows):
             page.write(f"\n**{case}**\n\n| " + " | ".join(label for _, label in SHOWN) + " |\n" + "| --- " * len(SHOWN) + "|\n")

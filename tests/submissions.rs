@@ -1,7 +1,7 @@
 //! What durability costs: a thousand jobs through HTTP, against the same database writing as many rows, one commit each.
 //!
-//! `cargo test --release --test submissions -- --ignored --nocapture --test-threads 1`: where the disk is quick, what is measured is
-//! the cores, which one store's clients and the other's would share.
+//! `cargo test --release --test submissions -- --ignored --nocapture --test-threads 1`. What it asks is met where the disk is the limit (2.96 and
+//! 1.43 times at 400 to 475 bare rows a second), and missed where it is quick: SQLite 0.35 at 4,948, PostgreSQL 0.31 at 2,530.
 
 #[path = "support/postgres.rs"]
 mod postgres_server;
