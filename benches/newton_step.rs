@@ -13,7 +13,7 @@ use mapfit::fit::{
 use mapfit::map::Survey;
 use mapfit::scan::returns_of;
 use mapfit::sim::Scenario;
-use mapfit::sparse::{Cholesky, Stencil, selected_inverse, selected_sandwich};
+use mapfit::sparse::{Cholesky, Stencil, Team, selected_inverse, selected_sandwich};
 use mapfit::spline::Lattice;
 use mapfit::uncertainty::Kind;
 
@@ -25,7 +25,7 @@ fn fitted() -> Estimate {
     let scenario = Scenario::experiment_one();
     let (scans, lattice) = (scenario.scans(1), lattice(&scenario));
     let go = &mut |_: &mapfit::fit::Progress| ControlFlow::Continue(());
-    fit(&scans, &scenario.noise, Distance::Signed, &lattice, &FitOptions::default(), go).unwrap()
+    fit(&scans, &scenario.noise, Distance::Signed, &lattice, &FitOptions::default(), &Team::default(), go).unwrap()
 }
 
 /// The objective of a fit, and where it ended.

@@ -67,13 +67,13 @@ fn control_points_in_use_are_counted_as_the_fit_has_them_and_cheaply_never_fewer
         let bounds = Bounds { min: [-half_width; 2], max: [half_width; 2] };
         let lattice = Lattice::covering(&bounds, scenario.resolution, 1_000_000).unwrap();
         let (scans, options) = (scenario.scans(seed), FitOptions::default());
-        let counted = |limit| fit::control_points(&scans, Distance::Vector, &lattice, &options, limit);
+        let counted = |limit| fit::control_points(&scans, Distance::Vector, &lattice, &options, limit).total();
         let exact = fit::footprint(&scans, Distance::Vector, &lattice, &options, &|| true).unwrap().control_points;
         let cheap = counted(lattice.len() - 1);
         println!("{exact} in use, {cheap} in the scans' surroundings, {} in all", lattice.len());
         assert_eq!(counted(0), exact);
         assert!((exact..=lattice.len()).contains(&cheap));
         // A signed map without a band uses all of them.
-        assert_eq!(fit::control_points(&scans, Distance::Signed, &lattice, &options, 0), lattice.len());
+        assert_eq!(fit::control_points(&scans, Distance::Signed, &lattice, &options, 0).total(), lattice.len());
     }
 }

@@ -46,11 +46,11 @@ fn a_room_in_a_square_of_190_metres_is_a_small_map() {
 }
 
 #[test]
-fn more_in_use_than_one_fit_may_have_is_refused_with_a_resolution_that_fits() {
+fn where_no_parts_are_wanted_too_much_is_refused_with_a_resolution_that_fits() {
     let data = tempfile::tempdir().unwrap();
     let server = Server::start_with(data.path(), 0, &["--max-control-points", "900"]);
     let mut job = small(1);
-    job["map"] = json!({"distance": "vdf", "resolution": 0.1});
+    job["map"] = json!({"distance": "vdf", "resolution": 0.1, "tiling": "none"});
     let problem = server.post("/v1/jobs", &job).problem(422);
     let detail = problem["errors"][0]["detail"].as_str().unwrap();
     assert_eq!(problem["errors"][0]["pointer"], "/map/resolution");

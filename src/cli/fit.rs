@@ -17,6 +17,7 @@ use crate::map::{ArchiveError, FittedMap, MapError, SurveyError, factors_npz, on
 use crate::render::{
     Layer, Nav2Mode, OccupancyGrid, Overlay, Picture, contours, map_picture, svg_to_png, to_geojson, to_nav2_zip,
 };
+use crate::sparse::Team;
 use crate::uncertainty::{Factors, Kind};
 use crate::worker::{Follower, fit_request};
 
@@ -44,7 +45,8 @@ impl FitCommand {
         let progress = Mutex::new(Progress::queued(request.options.max_iterations));
         let bar = ProgressBar::new_spinner().with_message("fitting");
         bar.enable_steady_tick(Duration::from_millis(100));
-        let follower = Follower { progress: &progress, stop: &AtomicBool::new(false), stage: &|_| () };
+        let team = Team::of_this_machine();
+        let follower = Follower { progress: &progress, stop: &AtomicBool::new(false), stage: &|_| (), team };
         let map = fit_request(&request, &follower)?;
         bar.finish_and_clear();
         std::fs::create_dir_all(out).map_err(CliError::io(out.display().to_string()))?;

@@ -4,8 +4,6 @@
 //! points. A pose that is not refined is in it, too, held by a prior so stiff that it does not move: what its error
 //! does to the map is then the same algebra.
 
-use std::sync::Arc;
-
 use nalgebra::Vector3;
 
 use super::options::{Poses, Weighting, Weights};
@@ -119,11 +117,7 @@ pub struct Estimate {
 impl Estimate {
     /// Sets the factorisation up for the system's pattern, which a fit may have left behind.
     pub(crate) fn match_pattern(&mut self) -> Result<(), SparseError> {
-        let pattern = self.system.hessian.pattern();
-        if !Arc::ptr_eq(self.cholesky.pattern(), pattern) {
-            self.cholesky = Cholesky::analyse(pattern)?;
-        }
-        Ok(())
+        self.cholesky.match_pattern(self.system.hessian.pattern())
     }
 
     /// The curvature of the poses' prior.

@@ -4,7 +4,7 @@ use super::Distance;
 use super::options::FitOptions;
 use super::vector::DEFAULT_BAND;
 use crate::scan::{Evidence, LaserScan, Return, returns_of};
-use crate::sparse::dissection::entries_of_poses;
+use crate::sparse::dissection::{Census, entries_of_poses};
 use crate::spline::Lattice;
 
 /// A cell's control points reach so far beyond its own.
@@ -34,7 +34,10 @@ pub fn footprint(
 ) -> Option<Footprint> {
     let control_points = match band_of(distance, options) {
         None => lattice.len(),
-        Some(band) => in_use(lattice, &Evidence::gather_while(lattice, scans, &mut || goes_on())?, band),
+        Some(band) => {
+            let evidence = Evidence::gather_while(lattice, scans, &mut || goes_on())?;
+            in_use(lattice, &evidence, band).into_iter().filter(|used| *used).count()
+        }
     };
     let returns = returns_of(scans).len();
     Some(Footprint {
@@ -46,24 +49,27 @@ pub fn footprint(
     })
 }
 
-/// Control points in use, or somewhat more: where scans' surroundings together hold no more than `limit`, or where it would take
-/// too long to see what beams pass, all of the surroundings count.
+/// The control points in use, or somewhat more: where scans' surroundings together hold no more than `limit`, or where it
+/// would take too long to see what beams pass, all of the surroundings count.
 pub fn control_points(
     scans: &[LaserScan],
     distance: Distance,
     lattice: &Lattice,
     options: &FitOptions,
     limit: usize,
-) -> usize {
-    let Some(band) = band_of(distance, options).filter(|_| lattice.len() > limit) else { return lattice.len() };
+) -> Census {
+    let size = lattice.control_points();
+    let Some(band) = band_of(distance, options).filter(|_| lattice.len() > limit) else {
+        return Census::of(size, |_| true);
+    };
     let around = surroundings(lattice, scans, band);
     let looks: usize =
         scans.iter().map(|scan| Evidence::extent(lattice, scan).map(|span| span.len())).map(|[x, y]| x * y).sum();
-    if around <= limit || looks > MOST_LOOKS {
-        around
-    } else {
-        in_use(lattice, &Evidence::gather(lattice, scans), band)
+    if around.total() <= limit || looks > MOST_LOOKS {
+        return around;
     }
+    let used = in_use(lattice, &Evidence::gather(lattice, scans), band);
+    Census::of(size, |point| used[point])
 }
 
 /// How many cells around evidence have control points; `None`: all have.
@@ -71,17 +77,17 @@ fn band_of(distance: Distance, options: &FitOptions) -> Option<f64> {
     options.band.or((distance == Distance::Vector).then_some(DEFAULT_BAND))
 }
 
-fn in_use(lattice: &Lattice, evidence: &Evidence, band: f64) -> usize {
+fn in_use(lattice: &Lattice, evidence: &Evidence, band: f64) -> Vec<bool> {
     let mut active = vec![false; lattice.len()];
     for (k, _) in evidence.cells_within(lattice, band).iter().enumerate().filter(|(_, used)| **used) {
         let cell = [k % lattice.cells[0], k / lattice.cells[0]];
         lattice.support(cell).iter().for_each(|&point| active[point] = true);
     }
-    active.into_iter().filter(|active| *active).count()
+    active
 }
 
 /// The control points of the rectangles that scans look into: their corners are noted, then summed up along x and y.
-fn surroundings(lattice: &Lattice, scans: &[LaserScan], band: f64) -> usize {
+fn surroundings(lattice: &Lattice, scans: &[LaserScan], band: f64) -> Census {
     let width = lattice.cells[0] + REACH + 2;
     let mut counts = vec![0i32; width * (lattice.cells[1] + REACH + 2)];
     for [x, y] in scans.iter().filter_map(|scan| Evidence::reach(lattice, scan, band)) {
@@ -94,7 +100,8 @@ fn surroundings(lattice: &Lattice, scans: &[LaserScan], band: f64) -> usize {
         (1..width).for_each(|i| row[i] += row[i - 1]);
     }
     (width..counts.len()).for_each(|k| counts[k] += counts[k - width]);
-    counts.into_iter().filter(|count| *count > 0).count()
+    let [columns, rows] = lattice.control_points();
+    Census::of([columns, rows], |point| counts[point % columns + point / columns * width] > 0)
 }
 
 /// Marks that are looked at to see what beams pass, at most: a second's.

@@ -24,6 +24,7 @@ mod vector;
 mod viewpoint;
 
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
 use thiserror::Error;
 
@@ -40,7 +41,7 @@ pub use system::{Factor, System};
 pub use viewpoint::{Viewpoint, pose_unknowns};
 
 use crate::scan::{Evidence, LaserScan, Noise};
-use crate::sparse::{SparseError, Stencil};
+use crate::sparse::{Cholesky, Pattern, SparseError, Stencil, Team};
 use crate::spline::{Lattice, Surface};
 
 #[derive(Debug, Error)]
@@ -110,6 +111,8 @@ struct Job<'a> {
     noise: &'a Noise,
     lattice: &'a Lattice,
     options: &'a FitOptions,
+    /// Who shares the linear algebra.
+    team: &'a Team,
     /// Where the fit ended before, if it is not to be fitted again.
     end: Option<End<'a>>,
 }
@@ -122,6 +125,11 @@ impl Job<'_> {
         Evidence::gather_while(self.lattice, self.scans, &mut goes_on).ok_or(FitError::Cancelled)
     }
 
+    /// A factorisation for the system to come, by the job's team.
+    fn cholesky(&self, stencil: &Arc<Stencil>) -> Result<Cholesky, SparseError> {
+        Ok(Cholesky::analyse(&Pattern::of_stencil(stencil))?.with_team(self.team.clone()))
+    }
+
     /// The coefficients of a component where the fit ended, with zero for control points that are not in use.
     fn ended(&self, component: usize) -> Option<Vec<f64>> {
         let own = self.end.as_ref()?.coefficients.get(component)?;
@@ -129,16 +137,17 @@ impl Job<'_> {
     }
 }
 
-/// Fits a distance. The observer is called at every step; `Break` cancels the fit within that step.
+/// Fits a distance; the same bytes whoever is in the team. The observer is called at every step; `Break` cancels the fit within that step.
 pub fn fit(
     scans: &[LaserScan],
     noise: &Noise,
     distance: Distance,
     lattice: &Lattice,
     options: &FitOptions,
+    team: &Team,
     observer: Observer<'_>,
 ) -> Result<Estimate, FitError> {
-    dispatch(&Job { scans, noise, lattice, options, end: None }, distance, observer)
+    dispatch(&Job { scans, noise, lattice, options, team, end: None }, distance, observer)
 }
 
 /// The estimate of a fit that has ended before, from where it ended: system and inputs are assembled there, nothing is
@@ -149,9 +158,10 @@ pub fn resume(
     distance: Distance,
     lattice: &Lattice,
     options: &FitOptions,
+    team: &Team,
     end: End<'_>,
 ) -> Result<Estimate, FitError> {
-    let job = Job { scans, noise, lattice, options, end: Some(end) };
+    let job = Job { scans, noise, lattice, options, team, end: Some(end) };
     dispatch(&job, distance, &mut |_| ControlFlow::Continue(()))
 }
 

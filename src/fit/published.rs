@@ -58,7 +58,7 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
     let evidence = job.evidence(observer)?;
     let band = options.band.unwrap_or(DEFAULT_BAND);
     let stencil = Stencil::of_cells(lattice, &evidence.cells_within(lattice, band));
-    let mut cholesky = Cholesky::analyse(&Pattern::of_stencil(&stencil))?;
+    let mut cholesky = job.cholesky(&stencil)?;
     let start = nearest_return_field(lattice, &returns, &mut cholesky)?;
     let normals = normals::outward(&returns, lattice.resolution);
     let across = |(seen, n): (&Return, &Vec2)| 1.0 / n.dot(&(viewpoints[seen.scan].noise.covariance(seen) * n));
@@ -366,6 +366,7 @@ mod tests {
     use super::*;
     use crate::geometry::Bounds;
     use crate::sim::Scenario;
+    use crate::sparse::Team;
 
     #[test]
     fn the_gradient_agrees_with_central_differences() {
@@ -374,7 +375,14 @@ mod tests {
         let lattice = Lattice::covering(&bounds, 0.25, 1_000).unwrap();
         let scans = scenario.scans(1);
         let options = FitOptions { weighting: Weighting::Paper, max_iterations: 1, ..Default::default() };
-        let job = Job { scans: &scans, noise: &scenario.noise, lattice: &lattice, options: &options, end: None };
+        let job = Job {
+            scans: &scans,
+            noise: &scenario.noise,
+            lattice: &lattice,
+            options: &options,
+            team: &Team::default(),
+            end: None,
+        };
         let fit = fit(&job, &mut |_| std::ops::ControlFlow::Continue(())).unwrap();
         let returns = returns_inside(&scans, &lattice).unwrap();
         let trust = vec![1.5; returns.len()];

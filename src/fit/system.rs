@@ -73,9 +73,7 @@ impl Factor {
     /// Factorises; `cholesky` then holds the factor of `Mp`, on the system's pattern. An indefinite matrix is an error.
     pub fn factorise(system: &System, cholesky: &mut Cholesky) -> Result<Self, SparseError> {
         let pattern = system.hessian.pattern();
-        if !Arc::ptr_eq(cholesky.pattern(), pattern) {
-            *cholesky = Cholesky::analyse(pattern)?;
-        }
+        cholesky.match_pattern(pattern)?;
         let motions = &system.gauge;
         let pins = if motions.held > 0 { PINS } else { 0 };
         let held = pinned(pattern);

@@ -13,7 +13,7 @@ use super::document::Node;
 use super::frames::{Joined, Named, ORIGIN};
 use super::limits::Limits;
 use super::reader::Reader;
-use super::request::{Area, JobRequest, MapPart, RequestError};
+use super::request::{Area, JobRequest, MapPart, RequestError, Tiling};
 use crate::fit::{Distance, FitOptions, Poses, Weighting};
 use crate::geometry::{Cov3, Pose, in_frame, inverse};
 use crate::living::{Guess, moved};
@@ -47,6 +47,7 @@ pub struct JoinBody {
     distance: Option<Distance>,
     resolution: f64,
     area: Area,
+    tiling: Tiling,
     options: FitOptions,
     deadline_seconds: Option<f64>,
 }
@@ -70,9 +71,9 @@ impl Reader<'_> {
         let map = self.required(document, "", "map", |reader, node, at| {
             reader.object(node, at, &["distance", "resolution", "bounds", "margin", "tiling"])?;
             let distance = reader.optional(node, at, "distance", |r, n, p| r.choice(n, p, &["sdf", "vdf"]));
-            let (resolution, area) = reader.spacing(node, at)?;
+            let spacing = reader.spacing(node, at)?;
             let distance = distance?.map(|name| if name == "vdf" { Distance::Vector } else { Distance::Signed });
-            Some((distance, resolution, area))
+            Some((distance, spacing))
         });
         let options = self.optional(document, "", "fit", Self::fit).map(Option::unwrap_or_default);
         if let Some(options) = &options
@@ -81,7 +82,7 @@ impl Reader<'_> {
             let at = if options.weighting == Weighting::Paper { "/fit/weighting" } else { "/fit/poses" };
             self.fault::<()>(at, "a join finds its frames by its poses: they are refined, and weights calibrated");
         }
-        let (distance, resolution, area) = map?;
+        let (distance, (resolution, area, tiling)) = map?;
         Some(JoinBody {
             name: name?,
             labels: labels?.unwrap_or_default(),
@@ -90,6 +91,7 @@ impl Reader<'_> {
             distance,
             resolution,
             area,
+            tiling,
             options: options?,
             deadline_seconds: deadline_seconds?,
         })
@@ -155,10 +157,10 @@ impl JoinBody {
         reader.all_count("/maps", &scans)?;
         let seen = reader.returns(&scans)?;
         let distance = self.distance.unwrap_or(first.distance);
-        let map = MapPart { distance, resolution: self.resolution, area: self.area };
+        let map = MapPart { distance, resolution: self.resolution, area: self.area, tiling: self.tiling };
         let lattice = reader.lattice(&scans, &seen, &map)?;
         let guesses = all.parts.iter().map(|part| part.guess).collect();
-        reader.within_one_fit(JobRequest {
+        reader.within_limits(JobRequest {
             name: self.name,
             labels: self.labels,
             priority: self.priority,
@@ -167,6 +169,8 @@ impl JoinBody {
             distance,
             lattice,
             area: self.area,
+            tiling: self.tiling,
+            parts: None,
             options: self.options,
             joined: Some(Joined { guesses, named: all.named }),
             deadline_seconds: self.deadline_seconds,

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{Job, ProblemReport, Progress};
+use super::{Job, Parts, ProblemReport, Progress};
 use crate::map::FitReport;
 
 /// How often a job may be begun.
@@ -54,12 +54,19 @@ pub fn backoff(attempt: i64) -> Duration {
 impl Progress {
     /// Of a job that waits for a worker.
     pub fn queued(max_iterations: usize) -> Self {
-        Self { percent: 0.0, stage: "queued".into(), iteration: 0, max_iterations, objective: None }
+        Self { percent: 0.0, stage: "queued".into(), iteration: 0, max_iterations, objective: None, parts: None }
+    }
+
+    /// Of a job that goes back to the queue: nothing is done yet.
+    pub fn again(&self) -> Self {
+        let parts = self.parts.map(|parts| Parts { done: 0, running: 0, ..parts });
+        Self { parts, ..Self::queued(self.max_iterations) }
     }
 
     /// Of a job that has its map. The largest number of steps stays the request's.
-    pub fn done(max_iterations: usize, fit: &FitReport) -> Self {
-        let objective = Some(fit.objective);
-        Self { percent: 100.0, stage: "done".into(), iteration: fit.iterations, max_iterations, objective }
+    pub fn done(self, fit: &FitReport) -> Self {
+        let parts = self.parts.map(|parts| Parts { done: parts.total, running: 0, ..parts });
+        let (iteration, objective) = (fit.iterations, Some(fit.objective));
+        Self { percent: 100.0, stage: "done".into(), iteration, objective, parts, ..self }
     }
 }

@@ -54,6 +54,20 @@ pub struct Progress {
     pub iteration: usize,
     pub max_iterations: usize,
     pub objective: Option<f64>,
+    /// Of a job that is fitted in parts; told beside the progress, not with it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(ignore)]
+    pub parts: Option<Parts>,
+}
+
+/// How many parts a job has, and how far they are: branches of the elimination, each of which is a thread's. A fit passes
+/// over all of them several times, and its covariance once more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Parts {
+    pub total: usize,
+    /// In this pass.
+    pub done: usize,
+    pub running: usize,
 }
 
 /// Why a job failed, in the members of RFC 9457.

@@ -11,6 +11,7 @@ use super::document::{DocumentError, Node};
 use super::frames::Joined;
 use super::limits::{Fault, Limits};
 use super::reader::{FARTHEST, Reader};
+use super::record::{Parts, Progress};
 use crate::fit::{self, Distance, Estimate, FitOptions, Footprint, Poses, Weighting};
 use crate::geometry::{Bounds, Pose, Vec2};
 use crate::map::{self, Cost, FittedMap, Survey, SurveyError};
@@ -39,11 +40,25 @@ pub struct JobRequest {
     pub lattice: Lattice,
     /// What the lattice was laid out for.
     pub area: Area,
+    /// Whether it may be fitted in parts where it is too large for one.
+    pub tiling: Tiling,
+    /// In how many parts it is fitted, about; `None` where it is not divided.
+    pub parts: Option<usize>,
     pub options: FitOptions,
     /// Of a join: the frames its scans were reported in. The scans stand where the guesses put them.
     pub joined: Option<Joined>,
     /// From submission.
     pub deadline_seconds: Option<f64>,
+}
+
+/// What becomes of a map that has more control points in use than one fit may have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Tiling {
+    /// It is fitted in parts.
+    #[default]
+    Auto,
+    /// It is refused.
+    None,
 }
 
 /// The area a map is to cover.
@@ -75,6 +90,12 @@ impl JobRequest {
     pub fn survey(&self) -> Survey<'_> {
         let survey = Survey::new(&self.scans, self.noise).distance(self.distance);
         survey.lattice(self.lattice.clone()).options(self.options)
+    }
+
+    /// Where its job stands before it is begun.
+    pub fn queued(&self) -> Progress {
+        let parts = self.parts.map(|total| Parts { total, done: 0, running: 0 });
+        Progress { parts, ..Progress::queued(self.options.max_iterations) }
     }
 
     /// How large the fit is, and what the map will take; `None` where `goes_on` does not hold any more.
@@ -127,7 +148,7 @@ impl Reader<'_> {
             _ => None,
         };
         let (scans, noise, lattice, map) = (campaign.scans?, campaign.noise?, lattice?, map?);
-        self.within_one_fit(JobRequest {
+        self.within_limits(JobRequest {
             name: campaign.name?,
             labels: campaign.labels?.unwrap_or_default(),
             priority: campaign.priority?.unwrap_or(0) as i32,
@@ -136,6 +157,8 @@ impl Reader<'_> {
             distance: map.distance,
             lattice,
             area: map.area,
+            tiling: map.tiling,
+            parts: None,
             options: campaign.options?.unwrap_or_default(),
             joined: None,
             deadline_seconds: campaign.deadline_seconds?,
@@ -202,14 +225,21 @@ impl Reader<'_> {
         }
     }
 
-    /// Refuses a fit that has more control points in use than one may have. Of a large rectangle most may be out of sight.
-    pub(super) fn within_one_fit(&mut self, request: JobRequest) -> Option<JobRequest> {
+    /// Divides a fit that has more control points in use than one may have, or refuses it. Of a large rectangle most may be
+    /// out of sight.
+    pub(super) fn within_limits(&mut self, request: JobRequest) -> Option<JobRequest> {
         let limit = self.limits.control_points;
         let JobRequest { scans, distance, lattice, options, .. } = &request;
-        match fit::control_points(scans, *distance, lattice, options, limit) {
-            used if used <= limit => Some(request),
-            used => {
-                self.too_large(&lattice.bounds(), lattice.resolution, format!("{used} control points in use"), limit)
+        if lattice.len() <= limit {
+            return Some(request);
+        }
+        let used = fit::control_points(scans, *distance, lattice, options, limit);
+        match request.tiling {
+            _ if used.total() <= limit => Some(request),
+            Tiling::Auto => Some(JobRequest { parts: Some(used.branches()), ..request }),
+            Tiling::None => {
+                let needed = format!("{} control points in use", used.total());
+                self.too_large(&lattice.bounds(), lattice.resolution, needed, limit)
             }
         }
     }
@@ -227,20 +257,20 @@ impl Reader<'_> {
     fn map(&mut self, node: &Node, at: &str) -> Option<MapPart> {
         self.object(node, at, &["distance", "resolution", "bounds", "margin", "tiling"])?;
         let distance = self.required(node, at, "distance", |r, n, p| r.choice(n, p, &["sdf", "vdf"]));
-        let (resolution, area) = self.spacing(node, at)?;
+        let (resolution, area, tiling) = self.spacing(node, at)?;
         let distance = if distance? == "vdf" { Distance::Vector } else { Distance::Signed };
-        Some(MapPart { distance, resolution, area })
+        Some(MapPart { distance, resolution, area, tiling })
     }
 
-    /// A lattice's spacing, metres, and its area.
-    pub(super) fn spacing(&mut self, node: &Node, at: &str) -> Option<(f64, Area)> {
+    /// A lattice's spacing, metres, its area, and what becomes of one that is too large.
+    pub(super) fn spacing(&mut self, node: &Node, at: &str) -> Option<(f64, Area, Tiling)> {
         let resolution = self.required(node, at, "resolution", |r, n, p| r.positive(n, p, 1e-4, 1e4));
         let bounds = self.optional(node, at, "bounds", Self::bounds);
         let margin = self.optional(node, at, "margin", |r, n, p| r.number(n, p, 0.0, 1e4));
-        // Either way a map is one fit as yet.
-        self.optional(node, at, "tiling", |r, n, p| r.choice(n, p, &["auto", "none"]))?;
+        let tiling = self.optional(node, at, "tiling", |r, n, p| r.choice(n, p, &["auto", "none"]))?;
+        let tiling = if tiling == Some("none") { Tiling::None } else { Tiling::Auto };
         let resolution = resolution?;
-        Some((resolution, Area { bounds: bounds?, margin: margin?.unwrap_or(3.0 * resolution) }))
+        Some((resolution, Area { bounds: bounds?, margin: margin?.unwrap_or(3.0 * resolution) }, tiling))
     }
 
     fn bounds(&mut self, node: &Node, at: &str) -> Option<Bounds> {
@@ -302,6 +332,7 @@ pub(super) struct MapPart {
     pub distance: Distance,
     pub resolution: f64,
     pub area: Area,
+    pub tiling: Tiling,
 }
 
 /// What all that is fitted has in common, member by member; what is faulty is `None`.

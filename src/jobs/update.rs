@@ -39,10 +39,11 @@ impl Reader<'_> {
         let own = scans.into_iter().map(|scan| if differs { scan.with_noise(&noise) } else { scan });
         let scans: Vec<LaserScan> = before.scans.iter().cloned().chain(own).collect();
         self.all_count("/scans", &scans)?;
-        let map = MapPart { distance: before.distance, resolution: before.lattice.resolution, area: before.area };
+        let (distance, tiling) = (before.distance, before.tiling);
+        let map = MapPart { distance, resolution: before.lattice.resolution, area: before.area, tiling };
         let seen = self.returns(&scans)?;
         let lattice = self.lattice(&scans, &seen, &map)?;
-        self.within_one_fit(JobRequest {
+        self.within_limits(JobRequest {
             name: name?,
             labels: labels?.unwrap_or_default(),
             priority: priority?.unwrap_or(0) as i32,
@@ -51,6 +52,8 @@ impl Reader<'_> {
             distance: map.distance,
             lattice,
             area: map.area,
+            tiling: before.tiling,
+            parts: None,
             options: options?.unwrap_or(before.options),
             joined: before.joined.clone(),
             deadline_seconds: deadline_seconds?,

@@ -9,6 +9,7 @@ use super::{FittedMap, MapError};
 use crate::fit::{self, Distance, End, Estimate, FitError, FitOptions, Poses, pose_unknowns};
 use crate::geometry::Bounds;
 use crate::scan::{LaserScan, Noise, returns_of};
+use crate::sparse::Team;
 use crate::spline::{Lattice, LatticeError};
 use crate::uncertainty::UncertaintyError;
 
@@ -64,13 +65,23 @@ pub struct Survey<'a> {
     bounds: Option<Bounds>,
     lattice: Option<Lattice>,
     options: FitOptions,
+    team: Team,
 }
 
 impl<'a> Survey<'a> {
     /// A signed map of the scans at 0.2 m, unless told otherwise.
     pub fn new(scans: &'a [LaserScan], noise: Noise) -> Self {
         let options = FitOptions::default();
-        Self { scans, noise, distance: Distance::Signed, resolution: 0.2, bounds: None, lattice: None, options }
+        Self {
+            scans,
+            noise,
+            distance: Distance::Signed,
+            resolution: 0.2,
+            bounds: None,
+            lattice: None,
+            options,
+            team: Team::of_this_machine(),
+        }
     }
 
     /// Which distance the map holds.
@@ -98,6 +109,11 @@ impl<'a> Survey<'a> {
         Self { options, ..self }
     }
 
+    /// Which threads share the work; without it, one a core. The map is the same to the last bit.
+    pub fn team(self, team: Team) -> Self {
+        Self { team, ..self }
+    }
+
     /// The map.
     pub fn map(&self) -> Result<FittedMap, SurveyError> {
         self.map_watched(&|_| ControlFlow::Continue(()))
@@ -115,7 +131,8 @@ impl<'a> Survey<'a> {
             let share = fits_share * progress.share(tolerance);
             observer(&Step { stage: Stage::Fitting, share, fit: *progress })
         };
-        let estimate = fit::fit(self.scans, &self.noise, self.distance, &lattice, &self.options, &mut watch)?;
+        let estimate =
+            fit::fit(self.scans, &self.noise, self.distance, &lattice, &self.options, &self.team, &mut watch)?;
         let fitted = began.elapsed().as_secs_f64();
         let go_on = |share: f64| {
             let share = fits_share + (1.0 - fits_share) * share;
@@ -140,7 +157,7 @@ impl<'a> Survey<'a> {
             (poses, _) => poses,
         };
         let end = End { coefficients: &coefficients, poses };
-        Ok(fit::resume(self.scans, &self.noise, self.distance, map.lattice(), &self.options, end)?)
+        Ok(fit::resume(self.scans, &self.noise, self.distance, map.lattice(), &self.options, &self.team, end)?)
     }
 
     fn laid_out(&self) -> Result<Lattice, SurveyError> {

@@ -1,16 +1,21 @@
 //! Sparse Cholesky factorisation of matrices on a [`Pattern`], `P H P^T = L L^T`.
 //!
-//! faer's supernodal kernels under the pattern's geometric order. The symbolic analysis belongs to the pattern
-//! and is done once; the factor's values and the work space are allocated once and reused by every step. The
-//! factorisation runs on one thread: two made it slower (supernodes are walked one after another), and one thread gives
-//! the same bits on every machine with the same kernels.
+//! faer's symbolic analysis under the pattern's geometric order, done once. The factorisation is multifrontal (`walk`),
+//! with faer's dense kernels on every front:
+//!
+//! ```text
+//! F11 = L11 L11^T,  L21 = F21 L11^-T,  F22 <- F22 - L21 L21^T
+//! ```
+//!
+//! so that branches of the elimination tree can be a team's, which faer's own factorisation, one supernode after another
+//! from the left, does not allow. The factor's values are allocated once and reused by every step.
 
 use std::sync::Arc;
 
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::LltRegularization;
+use faer::linalg::cholesky::llt::factor::{LltRegularization, cholesky_in_place, cholesky_in_place_scratch};
 use faer::perm::PermRef;
-use faer::sparse::SparseColMatRef;
+use faer::reborrow::ReborrowMut;
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
 use faer::sparse::linalg::cholesky::{
@@ -19,9 +24,13 @@ use faer::sparse::linalg::cholesky::{
 };
 use faer::{Conj, MatMut, Par, Side};
 
+use super::dense::{accumulate_lower, solve_lower};
 use super::error::{LARGEST_FACTOR, SparseError};
 use super::pattern::Pattern;
 use super::system::Symmetric;
+use super::team::Team;
+use super::tree::{Shape, Tree};
+use super::walk::{Front, up};
 
 /// How large a relative residual of a solve may be before its answer is refused.
 pub(crate) const LARGEST_RESIDUAL: f64 = 1e-6;
@@ -30,8 +39,12 @@ pub(crate) const LARGEST_RESIDUAL: f64 = 1e-6;
 pub struct Cholesky {
     pattern: Arc<Pattern>,
     symbolic: SymbolicCholesky<usize>,
+    tree: Tree,
+    /// Where the pattern's entries lie among the values.
+    addresses: Vec<u32>,
     values: Vec<f64>,
     scratch: MemBuffer,
+    team: Team,
 }
 
 impl Cholesky {
@@ -59,34 +72,47 @@ impl Cholesky {
         if symbolic.len_val() > LARGEST_FACTOR {
             return Err(SparseError::TooLarge { entries: symbolic.len_val(), limit: LARGEST_FACTOR });
         }
-        let need = symbolic
-            .factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default())
-            .or(symbolic.solve_in_place_scratch::<f64>(1, Par::Seq));
+        let need = symbolic.solve_in_place_scratch::<f64>(1, Par::Seq);
         let scratch = MemBuffer::try_new(need).map_err(|error| setup(&error))?;
+        let SymbolicCholeskyRaw::Supernodal(supernodal) = symbolic.raw() else {
+            return Err(SparseError::Setup("the factor has no supernodes".into()));
+        };
+        let tree = Tree::of(supernodal, pattern.branches());
+        let shape = Shape { symbolic: supernodal, tree: &tree };
+        // A factor's entries are fewer than 2^32: see `LARGEST_FACTOR`.
+        let address = |(row, column, _): (usize, usize, usize)| shape.address(inverse[row], inverse[column]) as u32;
+        let addresses = pattern.entries().map(address).collect();
         let values = vec![0.0; symbolic.len_val()];
-        Ok(Self { pattern: pattern.clone(), symbolic, values, scratch })
+        Ok(Self { pattern: pattern.clone(), symbolic, tree, addresses, values, scratch, team: Team::default() })
+    }
+
+    /// With a team that factorises, and inverts what it factorised.
+    pub fn with_team(self, team: Team) -> Self {
+        Self { team, ..self }
+    }
+
+    pub(super) fn team(&self) -> &Team {
+        &self.team
+    }
+
+    /// Turns to another pattern, if this is not the one; the team stays.
+    pub fn match_pattern(&mut self, pattern: &Arc<Pattern>) -> Result<(), SparseError> {
+        if !Arc::ptr_eq(&self.pattern, pattern) {
+            *self = Self::analyse(pattern)?.with_team(self.team.clone());
+        }
+        Ok(())
     }
 
     /// Factorises a matrix on the pattern this was made for.
     pub fn factorise(&mut self, matrix: &impl Symmetric) -> Result<(), SparseError> {
-        self.symbolic
-            .factorize_numeric_llt(
-                &mut self.values,
-                SparseColMatRef::new(self.pattern.symbolic(), &matrix.lower()),
-                Side::Lower,
-                LltRegularization::default(),
-                Par::Seq,
-                MemStack::new(&mut self.scratch),
-                Default::default(),
-            )
-            .map(|_| ())
-            .map_err(|_| SparseError::NotPositiveDefinite)?;
-        // faer reports a non-positive pivot; a NaN in the input passes through as NaN pivots.
-        if self.pivots().all(|pivot| pivot.is_finite() && pivot > 0.0) {
-            Ok(())
-        } else {
-            Err(SparseError::NotPositiveDefinite)
-        }
+        let mut values = std::mem::take(&mut self.values);
+        values.fill(0.0);
+        self.addresses.iter().zip(matrix.lower()).for_each(|(at, value)| values[*at as usize] = value);
+        let outcome = self
+            .shape()
+            .and_then(|shape| up(shape, &mut values, &self.team, &|_| true, |front| eliminate(shape, front)));
+        self.values = values;
+        outcome
     }
 
     /// The number of unknowns.
@@ -150,12 +176,20 @@ impl Cholesky {
     }
 
     /// The factor's supernodes, and the step at which each unknown is eliminated.
-    pub(crate) fn supernodes(&self) -> Result<(SupernodalLltRef<'_, usize, f64>, &[usize]), SparseError> {
-        let permutation = self.symbolic.perm().map(|perm| perm.arrays());
-        match (self.supernodal(), permutation) {
-            (Some(symbolic), Some((_, inverse))) => Ok((SupernodalLltRef::new(symbolic, &self.values), inverse)),
-            _ => Err(SparseError::Setup("the factor has no supernodes".into())),
-        }
+    pub(super) fn supernodes(&self) -> Result<(Shape<'_>, SupernodalLltRef<'_, usize, f64>, &[usize]), SparseError> {
+        let shape = self.shape()?;
+        let inverse = self.symbolic.perm().map_or(&[][..], |perm| perm.arrays().1);
+        Ok((shape, SupernodalLltRef::new(shape.symbolic, &self.values), inverse))
+    }
+
+    /// Where the pattern's entries lie among the factor's, in their order.
+    pub(super) fn addresses(&self) -> &[u32] {
+        &self.addresses
+    }
+
+    fn shape(&self) -> Result<Shape<'_>, SparseError> {
+        let symbolic = self.supernodal().ok_or_else(|| SparseError::Setup("the factor has no supernodes".into()))?;
+        Ok(Shape { symbolic, tree: &self.tree })
     }
 
     fn supernodal(&self) -> Option<&SymbolicSupernodalCholesky<usize>> {
@@ -174,6 +208,24 @@ impl Cholesky {
             })
         })
     }
+}
+
+/// One front's part of the factor; see the module.
+fn eliminate(shape: Shape<'_>, Front { s, panel, below, team }: Front<'_>) -> Result<(), SparseError> {
+    let (width, height) = (shape.width(s), shape.height(s));
+    let (mut l11, mut l21) = MatMut::from_column_major_slice_mut(panel, height, width).split_at_row_mut(width);
+    let need = cholesky_in_place_scratch::<f64>(width, Par::Seq, Default::default());
+    let mut scratch = MemBuffer::try_new(need).map_err(|error| SparseError::Setup(format!("{error:?}")))?;
+    let none = LltRegularization::default();
+    cholesky_in_place(l11.rb_mut(), none, Par::Seq, MemStack::new(&mut scratch), Default::default())
+        .map_err(|_| SparseError::NotPositiveDefinite)?;
+    // faer reports a pivot that is not positive; a NaN in the input passes through as NaN pivots.
+    if !(0..width).all(|k| l11[(k, k)].is_finite() && l11[(k, k)] > 0.0) {
+        return Err(SparseError::NotPositiveDefinite);
+    }
+    solve_lower(l11.as_ref(), l21.rb_mut().transpose_mut(), team);
+    accumulate_lower(below.as_mut(), l21.as_ref(), l21.as_ref().transpose(), -1.0, team);
+    Ok(())
 }
 
 /// `|H x - b| / |b|` in the largest entry.

@@ -9,9 +9,15 @@
 //! separators it touches above. So no pose fills in more than its own view does, and whatever sees one point is coupled
 //! in the factor.
 //!
+//! A *branch* is a part that holds its share of the points in use: what lies in it is eliminated without the rest of the
+//! grid, by whichever thread has time. [`Census`] says how large a branch may be; that depends on the grid alone, so that
+//! the same numbers are added in the same order however many threads there are.
+//!
 //! Poses that stay in one part are all coupled with each other. Where that would take more than coupling all that each of
 //! them sees, and then all points of the part, they are a crowd: the part's poses come first, and its points follow as they
 //! stand. So thousands of scans from one room cost what the room's points do.
+
+use std::ops::Range;
 
 /// Grid rows that separate two halves: the reach of the stencil.
 const SEPARATOR: usize = 3;
@@ -46,6 +52,18 @@ impl Part {
         Self { first, size }
     }
 
+    /// Its halves, and what separates them; `None` where it is ordered as it stands.
+    fn halves(&self) -> Option<([Self; 2], Self)> {
+        let axis = usize::from(self.size[1] > self.size[0]);
+        let extent = self.size[axis];
+        (extent > LEAF).then(|| {
+            let lower = (extent - SEPARATOR) / 2;
+            let upper = lower + SEPARATOR;
+            let halves = [self.piece(axis, 0, lower), self.piece(axis, upper, extent - upper)];
+            (halves, self.piece(axis, lower, SEPARATOR))
+        })
+    }
+
     fn points(self, row: usize) -> impl Iterator<Item = Step> {
         let columns = self.first[0]..self.first[0] + self.size[0];
         let rows = self.first[1]..self.first[1] + self.size[1];
@@ -58,45 +76,120 @@ const POSE: usize = 3;
 /// What a multiply-add costs in a supernode as narrow as a pose, beside one in a wide one: its time is the memory's.
 const NARROW: f64 = 10.0;
 
-/// An elimination order for an `nx x ny` grid, with so many unknowns a point, and the poses that see the points in `views`.
-pub fn order(size: [usize; 2], components: usize, views: &[&[usize]]) -> Vec<Step> {
-    let place = |point: &usize| [point % size[0], point / size[0]];
+/// A branch holds at most this share of all points in use, and no more of them than a thread should hold at once; what
+/// is smaller is not worth a thread.
+const BRANCHES: usize = 8;
+const LARGEST_BRANCH: usize = 50_000;
+const SMALLEST_BRANCH: usize = 100;
+
+/// How many points are in use in any rectangle of a grid.
+pub struct Census {
+    size: [usize; 2],
+    /// Of the points before this one along both axes; a row and a column more than the grid has.
+    sums: Vec<usize>,
+}
+
+impl Census {
+    pub fn of(size: [usize; 2], in_use: impl Fn(usize) -> bool) -> Self {
+        let row = size[0] + 1;
+        let mut sums = vec![0; row * (size[1] + 1)];
+        for (i, j) in (0..size[1]).flat_map(|j| (0..size[0]).map(move |i| (i, j))) {
+            let own = usize::from(in_use(i + j * size[0]));
+            let at = (i + 1) + (j + 1) * row;
+            sums[at] = own + sums[at - 1] + sums[at - row] - sums[at - row - 1];
+        }
+        Self { size, sums }
+    }
+
+    /// All points in use.
+    pub fn total(&self) -> usize {
+        self.count(&Part { first: [0, 0], size: self.size })
+    }
+
+    /// How many branches hold points in use, as long as no crowd of poses keeps some of them together.
+    pub fn branches(&self) -> usize {
+        let mut open = vec![Part { first: [0, 0], size: self.size }];
+        let mut branches = 0;
+        while let Some(part) = open.pop() {
+            match part.halves().filter(|_| !self.is_branch(&part)) {
+                Some((halves, _)) => open.extend(halves),
+                None => branches += usize::from(self.count(&part) > 0),
+            }
+        }
+        branches
+    }
+
+    fn is_branch(&self, part: &Part) -> bool {
+        self.count(part) <= (self.total() / BRANCHES).clamp(SMALLEST_BRANCH, LARGEST_BRANCH)
+    }
+
+    fn count(&self, part: &Part) -> usize {
+        let sum = |i: usize, j: usize| self.sums[i + j * (self.size[0] + 1)];
+        let ([i, j], [width, height]) = (part.first, part.size);
+        sum(i + width, j + height) + sum(i, j) - sum(i + width, j) - sum(i, j + height)
+    }
+}
+
+/// What is eliminated when, and together.
+pub struct Order {
+    pub steps: Vec<Step>,
+    /// Ranges of steps that do without those outside; ascending.
+    pub branches: Vec<Range<usize>>,
+}
+
+/// An elimination order for the points of a census, with so many unknowns a point, and the poses that see the points in
+/// `views`.
+pub fn order(census: &Census, components: usize, views: &[&[usize]]) -> Order {
+    let row = census.size[0];
+    let place = |point: &usize| [point % row, point / row];
     let poses = views.iter().map(|view| view.iter().map(place).collect()).enumerate().collect();
-    Dissection::of(size, components, poses).order
+    let Dissection { order, branches, .. } = Dissection::of(census.size, components, poses, Some(census));
+    Order { steps: order, branches }
 }
 
 /// About how many entries the factor has because of poses: between those that stay in one part. `corners` are those of
 /// the rectangles of points that each pose sees.
 pub fn entries_of_poses(size: [usize; 2], components: usize, corners: impl Iterator<Item = [[usize; 2]; 4]>) -> f64 {
     let poses = corners.map(|corners| corners.to_vec()).enumerate().collect();
-    Dissection::of(size, components, poses).entries_of_poses
+    Dissection::of(size, components, poses, None).entries_of_poses
 }
 
 type View = (usize, Vec<[usize; 2]>);
 
-struct Dissection {
+struct Dissection<'a> {
     row: usize,
     components: usize,
     order: Vec<Step>,
     entries_of_poses: f64,
+    census: Option<&'a Census>,
+    branches: Vec<Range<usize>>,
 }
 
-impl Dissection {
-    fn of(size: [usize; 2], components: usize, poses: Vec<View>) -> Self {
+impl<'a> Dissection<'a> {
+    fn of(size: [usize; 2], components: usize, poses: Vec<View>, census: Option<&'a Census>) -> Self {
         let order = Vec::with_capacity(size[0] * size[1] + poses.len());
-        let mut whole = Self { row: size[0], components, order, entries_of_poses: 0.0 };
-        whole.dissect(Part { first: [0, 0], size }, poses);
+        let mut whole = Self { row: size[0], components, order, entries_of_poses: 0.0, census, branches: Vec::new() };
+        whole.dissect(Part { first: [0, 0], size }, poses, false);
         whole
     }
 
-    fn dissect(&mut self, part: Part, poses: Vec<View>) {
-        let axis = usize::from(part.size[1] > part.size[0]);
-        if part.size[axis] <= LEAF {
-            return self.end(part, poses);
+    /// `inside`: the part lies in a branch.
+    fn dissect(&mut self, part: Part, poses: Vec<View>, inside: bool) {
+        let first = self.order.len();
+        let begins = !inside && self.census.is_some_and(|census| census.is_branch(&part));
+        let divided = self.divide(part, poses, inside || begins);
+        let holds_some = || self.census.is_some_and(|census| census.count(&part) > 0);
+        if (begins || !(inside || divided)) && holds_some() {
+            self.branches.push(first..self.order.len());
         }
-        let lower = (part.size[axis] - SEPARATOR) / 2;
-        let halves =
-            [part.piece(axis, 0, lower), part.piece(axis, lower + SEPARATOR, part.size[axis] - lower - SEPARATOR)];
+    }
+
+    /// Whether the part was divided, or ordered as it stands.
+    fn divide(&mut self, part: Part, poses: Vec<View>, inside: bool) -> bool {
+        let Some((halves, separator)) = part.halves() else {
+            self.end(part, poses);
+            return false;
+        };
         let (mut below, mut here): ([Vec<View>; 2], Vec<View>) = Default::default();
         for (pose, view) in poses {
             match halves.map(|half| view.iter().any(|point| half.holds(*point))) {
@@ -106,18 +199,20 @@ impl Dissection {
             }
         }
         if self.is_crowd(&here, below.iter().flatten(), part) {
-            return self.end(part, below.into_iter().chain([here]).flatten().collect());
+            self.end(part, below.into_iter().chain([here]).flatten().collect());
+            return false;
         }
         for (half, own) in halves.into_iter().zip(below) {
-            self.dissect(half, own);
+            self.dissect(half, own, inside);
         }
-        self.order.extend(part.piece(axis, lower, SEPARATOR).points(self.row));
+        self.order.extend(separator.points(self.row));
         self.last(here);
+        true
     }
 
     /// Whether coupling the poses that would come last takes more than coupling what each of the part's poses sees, and
     /// then all of the part's points, in multiply-adds.
-    fn is_crowd<'a>(&self, last: &[View], others: impl Iterator<Item = &'a View>, part: Part) -> bool {
+    fn is_crowd<'v>(&self, last: &[View], others: impl Iterator<Item = &'v View>, part: Part) -> bool {
         let unknowns = (self.components * part.size[0] * part.size[1]) as f64;
         let seen = |own: &View| ((self.components * extent(own)) as f64).powi(2);
         let first =
@@ -168,7 +263,7 @@ mod tests {
             let n = size[0] * size[1];
             let views: Vec<Vec<usize>> = (0..5).map(|k| (0..n).skip(k).step_by(3 + k).take(20).collect()).collect();
             let views: Vec<&[usize]> = views.iter().map(Vec::as_slice).collect();
-            let order = order(size, 1, &views);
+            let order = order(&Census::of(size, |_| true), 1, &views).steps;
             let mut points: Vec<usize> =
                 order.iter().filter_map(|s| if let Step::Point(p) = s { Some(*p) } else { None }).collect();
             points.sort_unstable();
@@ -183,7 +278,7 @@ mod tests {
         let views: Vec<Vec<usize>> = (0..500).map(|k| vec![(7 * k) % 399, (7 * k) % 399 + 1]).collect();
         let views: Vec<&[usize]> = views.iter().map(Vec::as_slice).collect();
         for (count, crowd) in [(500, true), (5, false)] {
-            let order = order(size, 1, &views[..count]);
+            let order = order(&Census::of(size, |_| true), 1, &views[..count]).steps;
             let at = |step: Step| order.iter().position(|s| *s == step).unwrap();
             let first = (0..count).filter(|&pose| at(Step::Pose(pose)) < at(Step::Point(views[pose][0]))).count();
             assert!(if crowd { first > 300 } else { first == 0 }, "{first} of {count}");
@@ -204,12 +299,43 @@ mod tests {
     fn a_pose_comes_after_all_it_sees() {
         let size = [40, 30];
         let view: Vec<usize> = (3..9).flat_map(|j| (4..12).map(move |i| i + j * 40)).collect();
-        let order = order(size, 1, &[&view]);
+        let order = order(&Census::of(size, |_| true), 1, &[&view]).steps;
         let at = |step: Step| order.iter().position(|s| *s == step).unwrap();
         let pose = at(Step::Pose(0));
         // It stays where it is seen: far from the end.
         assert!(pose < 700);
         let later = view.iter().filter(|&&p| at(Step::Point(p)) > pose).count();
         assert!(later < view.len() / 2, "{later} separators' points follow");
+    }
+
+    #[test]
+    fn branches_hold_their_share_and_are_as_many_as_the_census_says() {
+        // A corridor around an empty court.
+        let (size, court) = ([120, 90], 20..70);
+        let census = Census::of(size, |p| !(court.contains(&(p % 120)) && court.contains(&(p / 120))));
+        assert_eq!(census.total(), 120 * 90 - 50 * 50);
+        let order = order(&census, 2, &[]);
+        let held = |range: &Range<usize>| {
+            let points =
+                order.steps[range.clone()].iter().filter_map(|s| if let Step::Point(p) = s { Some(*p) } else { None });
+            points.filter(|p| !(court.contains(&(p % 120)) && court.contains(&(p / 120)))).count()
+        };
+        assert!(order.branches.windows(2).all(|pair| pair[0].end <= pair[1].start));
+        assert!(order.branches.iter().all(|range| held(range) <= census.total() / BRANCHES));
+        let many = order.branches.iter().filter(|range| held(range) > 0).count();
+        assert_eq!(many, census.branches());
+        assert!((BRANCHES..4 * BRANCHES).contains(&many), "{many}");
+        // Nothing in one branch is within the stencil's reach of another's.
+        let mut owner = vec![None; 120 * 90];
+        for (k, range) in order.branches.iter().enumerate() {
+            order.steps[range.clone()].iter().for_each(|s| {
+                if let Step::Point(p) = s {
+                    owner[*p] = Some(k)
+                }
+            });
+        }
+        for (p, q) in (0..90).flat_map(|j| (0..117).map(move |i| (i + 120 * j, i + 3 + 120 * j))) {
+            assert!(owner[p].is_none() || owner[q].is_none() || owner[p] == owner[q]);
+        }
     }
 }

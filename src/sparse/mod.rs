@@ -3,20 +3,24 @@
 //! Two control points interact where they share a cell, so a Hessian couples points at most 3 apart: a 7 x 7 stencil on
 //! a grid, which [`StencilMatrix`] stores. A [`Pattern`] has one or two such components and the poses that see them, a
 //! [`SystemMatrix`] the values. [`dissection`] orders both so that the Cholesky factor stays sparse, [`Cholesky`]
-//! factorises and solves (faer's supernodal kernels on that order), and [`selected_inverse`] gives the entries of the
-//! inverse on the pattern without ever forming the inverse; [`Paths`] those between any few unknowns.
+//! factorises and solves (supernode by supernode on that order, with faer's dense kernels), and [`selected_inverse`] gives the entries of the
+//! inverse on the pattern without ever forming the inverse; [`Paths`] those between any few unknowns. Branches of the
+//! elimination tree are shared by a [`Team`] of threads.
 
 pub mod dissection;
 
 mod block;
 mod cholesky;
+mod dense;
 mod error;
-mod panels;
 mod paths;
 mod pattern;
 mod selected;
 mod stencil;
 mod system;
+mod team;
+mod tree;
+mod walk;
 
 pub use block::CellBlock;
 pub use cholesky::Cholesky;
@@ -27,3 +31,4 @@ pub use pattern::{Pattern, Views};
 pub use selected::{selected_inverse, selected_sandwich};
 pub use stencil::{Stencil, StencilMatrix};
 pub use system::{Symmetric, SystemMatrix};
+pub use team::{Lender, Parts, Team};

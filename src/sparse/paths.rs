@@ -18,14 +18,13 @@
 use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
-use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use super::cholesky::Cholesky;
 use super::error::SparseError;
-use super::panels::Panels;
 use super::selected::eliminate_derivative;
 use super::system::SystemMatrix;
+use super::tree::Shape;
 
 /// A factor and the derivative of its elimination along `G`; see the module.
 pub struct Paths {
@@ -45,8 +44,7 @@ pub enum Of {
 impl Paths {
     /// From the factor of `H`, and `G` on its pattern. `go_on` is told how far it is and says whether to go on.
     pub fn of(cholesky: Cholesky, g: &SystemMatrix, go_on: &dyn Fn(f64) -> bool) -> Result<Self, SparseError> {
-        let (factor, inverse) = cholesky.supernodes()?;
-        let derivative = eliminate_derivative(factor, g, inverse, go_on)?.into_values();
+        let derivative = eliminate_derivative(&cholesky, g, go_on)?;
         Ok(Self { cholesky, derivative })
     }
 
@@ -62,11 +60,9 @@ impl Paths {
 
     /// Bytes that these forms hold while they are formed.
     pub fn forming_bytes<C: AsRef<[(usize, f64)]>>(&self, columns: &[C]) -> Result<usize, SparseError> {
-        let (factor, inverse) = self.cholesky.supernodes()?;
-        let symbolic = factor.symbolic();
-        let owner = &Panels::holding(symbolic, &self.derivative).owner;
+        let (shape, _, inverse) = self.cholesky.supernodes()?;
         let entries: Vec<Entry> = columns.iter().enumerate().flat_map(|(k, own)| entries(k, own, inverse)).collect();
-        Ok(bytes(Walk::of(symbolic, owner, &entries).rows, columns.len()))
+        Ok(bytes(Walk::of(shape, &entries).rows, columns.len()))
     }
 
     /// The forms `E^T H^-1 E`, or those of the sandwich, of columns `E` of few unknowns each, in their order. `go_on` says
@@ -77,15 +73,13 @@ impl Paths {
         of: Of,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Mat<f64>, SparseError> {
-        let (factor, inverse) = self.cholesky.supernodes()?;
-        let symbolic = factor.symbolic();
-        let derivative = Panels::holding(symbolic, &self.derivative);
+        let (shape, factor, inverse) = self.cholesky.supernodes()?;
         let first = |column: &C| column.as_ref().iter().map(|(unknown, _)| inverse[*unknown]).min();
         let mut order: Vec<usize> = (0..columns.len()).collect();
         order.sort_by_key(|&k| first(&columns[k]));
         let entries: Vec<Entry> =
             order.iter().enumerate().flat_map(|(column, &k)| entries(column, &columns[k], inverse)).collect();
-        let walk = Walk::of(symbolic, &derivative.owner, &entries);
+        let walk = Walk::of(shape, &entries);
         let mut sides = Sides::start(&walk, columns.len(), &entries);
         for visit in &walk.visits {
             if !go_on() {
@@ -95,7 +89,8 @@ impl Paths {
             let l = panel.split_at_row(panel.ncols());
             let v = sides.pass(visit, l);
             if of == Of::Sandwich {
-                sides.pass_derivative(visit, l, derivative.blocks(visit.supernode), v);
+                let own = shape.span(visit.supernode..visit.supernode + 1);
+                sides.pass_derivative(visit, l, shape.blocks(visit.supernode, &self.derivative[own]), v);
             } else {
                 sides.add_square(visit, v);
             }
@@ -153,7 +148,8 @@ struct Walk {
 }
 
 impl Walk {
-    fn of(symbolic: &SymbolicSupernodalCholesky<usize>, owner: &[usize], entries: &[Entry]) -> Self {
+    fn of(shape: Shape<'_>, entries: &[Entry]) -> Self {
+        let (symbolic, owner) = (shape.symbolic, shape.tree.owner());
         let mut columns: Vec<Option<(usize, usize)>> = vec![None; symbolic.n_supernodes()];
         let widen = |range: &mut Option<(usize, usize)>, (low, high): (usize, usize)| {
             *range = Some(range.map_or((low, high), |(a, b)| (a.min(low), b.max(high))));

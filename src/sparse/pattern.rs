@@ -5,11 +5,12 @@
 //! in its [`Views`]; and a pose's three unknowns with each other. As faer reads it: the lower triangle in CSC, with an
 //! elimination order from [`dissection`](super::dissection).
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use faer::sparse::SymbolicSparseColMatRef;
 
-use super::dissection::{Step, order};
+use super::dissection::{Census, Step, order};
 use super::error::{LARGEST_FACTOR, SparseError};
 use super::stencil::Stencil;
 
@@ -102,6 +103,8 @@ pub struct Pattern {
     sources: Vec<usize>,
     /// The unknown eliminated at each step.
     order: Vec<usize>,
+    /// Ranges of steps that are eliminated without the rest; see [`super::dissection`].
+    branches: Vec<Range<usize>>,
 }
 
 impl Pattern {
@@ -117,12 +120,13 @@ impl Pattern {
             rows: Vec::new(),
             sources: Vec::new(),
             order: Vec::new(),
+            branches: Vec::new(),
             stencil,
             components,
             views,
         };
         pattern.fill();
-        pattern.order = pattern.elimination_order();
+        (pattern.order, pattern.branches) = pattern.elimination_order();
         Arc::new(pattern)
     }
 
@@ -162,6 +166,10 @@ impl Pattern {
 
     pub(super) fn order(&self) -> &[usize] {
         &self.order
+    }
+
+    pub(super) fn branches(&self) -> &[Range<usize>] {
+        &self.branches
     }
 
     /// The number of values in a matrix's parts: blocks of the stencil (one, or four for two components), three a pair
@@ -225,14 +233,22 @@ impl Pattern {
         self.sources.push(source);
     }
 
-    fn elimination_order(&self) -> Vec<usize> {
+    fn elimination_order(&self) -> (Vec<usize>, Vec<Range<usize>>) {
         let (n, first_pose) = (self.stencil.dimension(), self.coefficients());
         let views: Vec<&[usize]> = (0..self.views.poses()).map(|pose| self.views.view(pose)).collect();
-        let unknowns = order(self.stencil.size(), self.components, &views).into_iter().flat_map(|step| match step {
-            Step::Point(point) => (point..self.coefficients()).step_by(n),
-            Step::Pose(pose) => (first_pose + 3 * pose..first_pose + 3 * pose + 3).step_by(1),
-        });
-        unknowns.collect()
+        let census = Census::of(self.stencil.size(), |point| self.stencil.is_active(point));
+        let by_points = order(&census, self.components, &views);
+        let (mut unknowns, mut starts) = (Vec::with_capacity(self.dimension()), Vec::new());
+        for step in by_points.steps {
+            starts.push(unknowns.len());
+            match step {
+                Step::Point(point) => unknowns.extend((point..self.coefficients()).step_by(n)),
+                Step::Pose(pose) => unknowns.extend(first_pose + 3 * pose..first_pose + 3 * pose + 3),
+            }
+        }
+        starts.push(unknowns.len());
+        let branches = by_points.branches.into_iter().map(|range| starts[range.start]..starts[range.end]);
+        (unknowns, branches.collect())
     }
 }
 

@@ -24,31 +24,27 @@
 //! S21 = Z22 dM - S22 M,  S11 = W G11 W + dM^T Z21 - M^T S21
 //! ```
 
-use faer::linalg::matmul::matmul;
-use faer::linalg::matmul::triangular::{self, BlockStructure};
-use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
-use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
-use faer::{Accum, Mat, MatMut, MatRef, Par};
+use faer::sparse::linalg::cholesky::supernodal::SupernodalLltRef;
+use faer::{Mat, MatMut, MatRef};
 
 use super::cholesky::Cholesky;
+use super::dense::{accumulate, accumulate_lower, mirror, product, solve_lower, solve_lower_transposed};
 use super::error::SparseError;
-use super::panels::Panels;
 use super::system::SystemMatrix;
+use super::team::Team;
+use super::tree::Shape;
+use super::walk::{Front, down, up};
 
 /// The entries of `H^-1` on the pattern, `H` being the matrix last factorised.
 pub fn selected_inverse(cholesky: &Cholesky, go_on: &dyn Fn(f64) -> bool) -> Result<SystemMatrix, SparseError> {
-    let (factor, inverse) = cholesky.supernodes()?;
-    let symbolic = factor.symbolic();
-    let mut z = Panels::zeros(symbolic);
-    let mut pace = Pace::of(symbolic, go_on);
-    for s in (0..symbolic.n_supernodes()).rev() {
-        pace.step(s)?;
-        let pivot = Pivot::of(factor, s);
-        let z22 = z.trailing(s);
-        let (z21, z11) = inverse_blocks(&pivot, z22.as_ref());
-        z.store(s, z11.as_ref(), z21.as_ref());
-    }
-    Ok(z.on_pattern(cholesky, inverse))
+    let (shape, factor, _) = cholesky.supernodes()?;
+    let mut z = vec![0.0; shape.symbolic.len_val()];
+    down(shape, [&mut z], cholesky.team(), go_on, |s, [z22], [own], team| {
+        let pivot = Pivot::of(factor, s, team);
+        let (z21, z11) = inverse_blocks(&pivot, z22.as_ref(), team);
+        store(own, z11.as_ref(), z21.as_ref());
+    })?;
+    Ok(on_pattern(cholesky, &z))
 }
 
 /// The entries of `H^-1` and of `H^-1 G H^-1` on the pattern, in that order. `go_on` is told how far it is and says
@@ -58,34 +54,32 @@ pub fn selected_sandwich(
     g: &SystemMatrix,
     go_on: &dyn Fn(f64) -> bool,
 ) -> Result<(SystemMatrix, SystemMatrix), SparseError> {
-    let (factor, inverse) = cholesky.supernodes()?;
-    let symbolic = factor.symbolic();
-    let eliminated = eliminate_derivative(factor, g, inverse, &|share| go_on(SHARE_OF_ELIMINATION * share))?;
+    let (shape, factor, _) = cholesky.supernodes()?;
+    let eliminated = eliminate_derivative(cholesky, g, &|share| go_on(SHARE_OF_ELIMINATION * share))?;
     let rest = |share| go_on(SHARE_OF_ELIMINATION + (1.0 - SHARE_OF_ELIMINATION) * share);
-    let mut pace = Pace::of(symbolic, &rest);
-    let (mut z, mut s_panels) = (Panels::zeros(symbolic), Panels::zeros(symbolic));
-    for s in (0..symbolic.n_supernodes()).rev() {
-        pace.step(s)?;
-        let pivot = Pivot::of(factor, s);
-        let (z22, s22) = (z.trailing(s), s_panels.trailing(s));
-        let (z21, z11) = inverse_blocks(&pivot, z22.as_ref());
+    let length = shape.symbolic.len_val();
+    let (mut z, mut sandwich) = (vec![0.0; length], vec![0.0; length]);
+    down(shape, [&mut z, &mut sandwich], cholesky.team(), &rest, |s, [z22, s22], [own_z, own_s], team| {
+        let pivot = Pivot::of(factor, s, team);
+        let (z21, z11) = inverse_blocks(&pivot, z22.as_ref(), team);
 
-        let (g11, g21) = eliminated.blocks(s);
+        let (g11, g21) = shape.blocks(s, &eliminated[shape.span(s..s + 1)]);
         let mut e = g21.to_owned();
-        accumulate(e.as_mut(), pivot.m.as_ref(), g11, -1.0);
-        let dm = product(e.as_ref(), pivot.w.as_ref(), 1.0);
-        let mut s21 = product(z22.as_ref(), dm.as_ref(), 1.0);
-        accumulate(s21.as_mut(), s22.as_ref(), pivot.m.as_ref(), -1.0);
-        let wg = product(pivot.w.as_ref(), g11, 1.0);
-        let mut s11 = product(wg.as_ref(), pivot.w.as_ref(), 1.0);
-        accumulate_lower(s11.as_mut(), dm.transpose(), z21.as_ref(), 1.0);
-        accumulate_lower(s11.as_mut(), pivot.m.transpose(), s21.as_ref(), -1.0);
+        accumulate(e.as_mut(), pivot.m.as_ref(), g11, -1.0, team);
+        let dm = product(e.as_ref(), pivot.w.as_ref(), 1.0, team);
+        let mut s21 = product(z22.as_ref(), dm.as_ref(), 1.0, team);
+        accumulate(s21.as_mut(), s22.as_ref(), pivot.m.as_ref(), -1.0, team);
+        let wg = product(pivot.w.as_ref(), g11, 1.0, team);
+        let mut s11 = product(wg.as_ref(), pivot.w.as_ref(), 1.0, team);
+        accumulate_lower(s11.as_mut(), dm.transpose(), z21.as_ref(), 1.0, team);
+        accumulate_lower(s11.as_mut(), pivot.m.transpose(), s21.as_ref(), -1.0, team);
         mirror(s11.as_mut());
 
-        z.store(s, z11.as_ref(), z21.as_ref());
-        s_panels.store(s, s11.as_ref(), s21.as_ref());
-    }
-    Ok((z.on_pattern(cholesky, inverse), s_panels.on_pattern(cholesky, inverse)))
+        store(own_z, z11.as_ref(), z21.as_ref());
+        store(own_s, s11.as_ref(), s21.as_ref());
+    })?;
+    drop(eliminated);
+    Ok((on_pattern(cholesky, &z), on_pattern(cholesky, &sandwich)))
 }
 
 /// A supernode's `M = L21 L11^-1` and `W = (L11 L11^T)^-1`.
@@ -95,121 +89,79 @@ struct Pivot {
 }
 
 impl Pivot {
-    fn of(factor: SupernodalLltRef<'_, usize, f64>, s: usize) -> Self {
+    fn of(factor: SupernodalLltRef<'_, usize, f64>, s: usize, team: &Team) -> Self {
         let panel = factor.supernode(s).val();
         let (l11, l21) = panel.split_at_row(panel.ncols());
         let mut m_transposed = l21.transpose().to_owned();
-        solve_upper_triangular_in_place(l11.transpose(), m_transposed.as_mut(), Par::Seq);
+        solve_lower_transposed(l11, m_transposed.as_mut(), team);
         let mut l11_inverse = Mat::<f64>::identity(panel.ncols(), panel.ncols());
-        solve_lower_triangular_in_place(l11, l11_inverse.as_mut(), Par::Seq);
-        let w = product(l11_inverse.transpose(), l11_inverse.as_ref(), 1.0);
+        solve_lower(l11, l11_inverse.as_mut(), team);
+        let w = product(l11_inverse.transpose(), l11_inverse.as_ref(), 1.0, team);
         Self { m: m_transposed.transpose().to_owned(), w }
     }
 }
 
-fn inverse_blocks(pivot: &Pivot, z22: MatRef<'_, f64>) -> (Mat<f64>, Mat<f64>) {
-    let z21 = product(z22, pivot.m.as_ref(), -1.0);
+fn inverse_blocks(pivot: &Pivot, z22: MatRef<'_, f64>, team: &Team) -> (Mat<f64>, Mat<f64>) {
+    let z21 = product(z22, pivot.m.as_ref(), -1.0, team);
     let mut z11 = pivot.w.clone();
-    accumulate_lower(z11.as_mut(), pivot.m.transpose(), z21.as_ref(), -1.0);
+    accumulate_lower(z11.as_mut(), pivot.m.transpose(), z21.as_ref(), -1.0, team);
     mirror(z11.as_mut());
     (z21, z11)
 }
 
 /// The derivative of the elimination along `G`: per supernode `G11` and `G21` as they stand when it is eliminated.
-pub(super) fn eliminate_derivative<'a>(
-    factor: SupernodalLltRef<'a, usize, f64>,
+pub(super) fn eliminate_derivative(
+    cholesky: &Cholesky,
     g: &SystemMatrix,
-    inverse: &[usize],
     go_on: &dyn Fn(f64) -> bool,
-) -> Result<Panels<'a>, SparseError> {
-    let symbolic = factor.symbolic();
-    let supernodes = symbolic.n_supernodes();
-    let mut panels = Panels::zeros(symbolic);
-    panels.scatter(g, inverse);
-    let mut children: Vec<Vec<usize>> = vec![Vec::new(); supernodes];
-    let mut updates: Vec<Option<Mat<f64>>> = (0..supernodes).map(|_| None).collect();
-    let mut pace = Pace::of(symbolic, go_on);
-    for s in 0..supernodes {
-        pace.step(s)?;
-        let rows = panels.rows(s);
-        let mut g22 = Mat::<f64>::zeros(rows.len() - panels.width(s), rows.len() - panels.width(s));
-        for child in std::mem::take(&mut children[s]) {
-            if let Some(update) = updates[child].take() {
-                panels.extend_add(s, &mut g22, child, update.as_ref());
-            }
-        }
-        mirror(panels.blocks_mut(s).0);
-        let Some(&first_below) = symbolic.supernode(s).pattern().first() else { continue };
-        let pivot = Pivot::of(factor, s);
-        let (g11, g21) = panels.blocks(s);
-        let mut e = g21.to_owned();
-        accumulate(e.as_mut(), pivot.m.as_ref(), g11, -1.0);
-        accumulate_lower(g22.as_mut(), e.as_ref(), pivot.m.transpose(), -1.0);
-        accumulate_lower(g22.as_mut(), pivot.m.as_ref(), g21.transpose(), -1.0);
-        updates[s] = Some(g22);
-        children[panels.owner[first_below]].push(s);
+) -> Result<Vec<f64>, SparseError> {
+    let (shape, factor, inverse) = cholesky.supernodes()?;
+    let mut values = vec![0.0; shape.symbolic.len_val()];
+    let sources = g.pattern().entries().map(|(_, _, source)| source);
+    cholesky.addresses().iter().zip(sources).for_each(|(at, source)| values[*at as usize] = g.values()[source]);
+    for (row, column, value) in g.pair_entries() {
+        values[shape.address(inverse[row], inverse[column])] = value;
     }
-    Ok(panels)
+    up(shape, &mut values, cholesky.team(), go_on, |front| {
+        differentiate(shape, factor, front);
+        Ok(())
+    })?;
+    Ok(values)
+}
+
+fn differentiate(shape: Shape<'_>, factor: SupernodalLltRef<'_, usize, f64>, front: Front<'_>) {
+    let Front { s, panel, below, team } = front;
+    let (width, height) = (shape.width(s), shape.height(s));
+    mirror(MatMut::from_column_major_slice_mut(panel, height, width).split_at_row_mut(width).0);
+    if height == width {
+        return;
+    }
+    let pivot = Pivot::of(factor, s, team);
+    let (g11, g21) = shape.blocks(s, panel);
+    let mut e = g21.to_owned();
+    accumulate(e.as_mut(), pivot.m.as_ref(), g11, -1.0, team);
+    accumulate_lower(below.as_mut(), e.as_ref(), pivot.m.transpose(), -1.0, team);
+    accumulate_lower(below.as_mut(), pivot.m.as_ref(), g21.transpose(), -1.0, team);
 }
 
 /// The share of a sandwich's work that is its first half's.
 const SHARE_OF_ELIMINATION: f64 = 0.3;
-/// Work between two questions whether to go on, in multiply-adds.
-const BREATH: f64 = 1e8;
 
-/// Tells how far a walk over the supernodes is, in proportion to the work, and asks whether to go on.
-struct Pace<'a> {
-    symbolic: &'a SymbolicSupernodalCholesky<usize>,
-    go_on: &'a dyn Fn(f64) -> bool,
-    done: f64,
-    told: f64,
-    whole: f64,
+fn store(panel: &mut [f64], pivot: MatRef<'_, f64>, below: MatRef<'_, f64>) {
+    let (width, height) = (pivot.ncols(), pivot.nrows() + below.nrows());
+    let (mut top, mut bottom) = MatMut::from_column_major_slice_mut(panel, height, width).split_at_row_mut(width);
+    top.copy_from(pivot);
+    bottom.copy_from(below);
 }
 
-impl<'a> Pace<'a> {
-    fn of(symbolic: &'a SymbolicSupernodalCholesky<usize>, go_on: &'a dyn Fn(f64) -> bool) -> Self {
-        let whole = (0..symbolic.n_supernodes()).map(|s| Self::work(symbolic, s)).sum();
-        Self { symbolic, go_on, done: 0.0, told: 0.0, whole }
+/// The entries on a system's own pattern, which the factor's contains.
+fn on_pattern(cholesky: &Cholesky, values: &[f64]) -> SystemMatrix {
+    let pattern = cholesky.pattern();
+    let mut matrix = SystemMatrix::zeros(pattern.clone());
+    for ((_, _, source), &at) in pattern.entries().zip(cholesky.addresses()) {
+        matrix.set(source, values[at as usize]);
     }
-
-    fn work(symbolic: &SymbolicSupernodalCholesky<usize>, s: usize) -> f64 {
-        let width = (symbolic.supernode_end()[s] - symbolic.supernode_begin()[s]) as f64;
-        width * (width + symbolic.supernode(s).pattern().len() as f64).powi(2)
-    }
-
-    fn step(&mut self, s: usize) -> Result<(), SparseError> {
-        self.done += Self::work(self.symbolic, s);
-        if self.done - self.told < BREATH {
-            return Ok(());
-        }
-        self.told = self.done;
-        if (self.go_on)(self.done / self.whole) { Ok(()) } else { Err(SparseError::Stopped) }
-    }
-}
-
-fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64) -> Mat<f64> {
-    let mut out = Mat::zeros(a.nrows(), b.ncols());
-    matmul(out.as_mut(), Accum::Replace, a, b, scale, Par::Seq);
-    out
-}
-
-fn accumulate(into: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64) {
-    matmul(into, Accum::Add, a, b, scale, Par::Seq);
-}
-
-/// Adds the lower triangle of a product that is symmetric, alone or with others.
-fn accumulate_lower(into: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64) {
-    let (lower, whole) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
-    triangular::matmul(into, lower, Accum::Add, a, whole, b, whole, scale, Par::Seq);
-}
-
-/// Copies the lower triangle to the upper.
-fn mirror(mut square: MatMut<'_, f64>) {
-    for column in 0..square.ncols() {
-        for row in column + 1..square.nrows() {
-            square[(column, row)] = square[(row, column)];
-        }
-    }
+    matrix
 }
 
 #[cfg(test)]
@@ -255,6 +207,40 @@ mod tests {
         matrix.shift_diagonal(|_, _| ridge);
         (0..pattern.views().poses()).for_each(|pose| matrix.add_pose(pose, &(Matrix3::identity() * ridge)));
         matrix
+    }
+
+    #[test]
+    fn branches_are_anyones_and_the_bytes_the_same() {
+        let size: [usize; 2] = [61, 40];
+        // Poses that see a place each, one that sees all, and a crowd in a corner.
+        let near = |pose: usize| (0..size[0] * size[1]).filter(move |&p| (p % 61).abs_diff(7 * pose) <= 5);
+        let corner = |p: &usize| p % 61 < 8 && p / 61 < 8;
+        let everywhere = (0..size[0] * size[1]).map(|p| (8, p));
+        let crowd = (9..60).flat_map(|pose| (0..size[0] * size[1]).filter(corner).map(move |p| (pose, p)));
+        let views = (0..8).flat_map(|pose| near(pose).map(move |p| (pose, p))).chain(everywhere).chain(crowd);
+        let pattern = Pattern::new(Stencil::of_grid(size), 2, Views::of(60, views));
+        let (h, g) = (random_spd(&pattern, 5, 0.3), random_spd(&pattern, 105, 0.0));
+        let dense = h.to_dense().llt(faer::Side::Lower).unwrap().inverse();
+        let all = [1, 2, 3].map(|threads| {
+            let team = Team::of(std::num::NonZero::new(threads).unwrap());
+            let mut cholesky = Cholesky::analyse(&pattern).unwrap().with_team(team);
+            assert!(cholesky.supernodes().unwrap().0.tree.branches().len() > 8);
+            cholesky.factorise(&h).unwrap();
+            let mut x: Vec<f64> = (0..pattern.dimension()).map(|k| (k as f64).cos()).collect();
+            cholesky.solve(&mut x);
+            let (z, s) = selected_sandwich(&cholesky, &g, &|_| true).unwrap();
+            assert!(worst_difference(&z, &dense) < 1e-10);
+            (x, z.values().to_vec(), s.values().to_vec())
+        });
+        assert!(all[1] == all[0] && all[2] == all[0]);
+    }
+
+    #[test]
+    fn a_walk_told_to_stop_stops() {
+        let pattern = Pattern::new(Stencil::of_grid([60, 60]), 1, Views::of(0, []));
+        let mut cholesky = Cholesky::analyse(&pattern).unwrap();
+        cholesky.factorise(&random_spd(&pattern, 7, 0.3)).unwrap();
+        assert_eq!(selected_inverse(&cholesky, &|_| false).err(), Some(SparseError::Stopped));
     }
 
     #[test]

@@ -214,7 +214,7 @@ impl Table {
 pub(super) fn handed_back(mut job: Row) -> Result<Row, StoreError> {
     if job["status"] == "running" {
         let progress: Progress = serde_json::from_str(job["progress"].as_str().unwrap_or_default())?;
-        job["progress"] = serde_json::to_string(&Progress::queued(progress.max_iterations))?.into();
+        job["progress"] = serde_json::to_string(&progress.again())?.into();
         job["attempt"] = (job["attempt"].as_i64().unwrap_or(1) - 1).into();
         job["status"] = "accepted".into();
     }

@@ -10,6 +10,7 @@ use super::*;
 use crate::fit::{Distance, End, Estimate, FitOptions, Poses, Weighting, fit, resume};
 use crate::scan::LaserScan;
 use crate::sim::Scenario;
+use crate::sparse::Team;
 use crate::spline::Lattice;
 
 fn lattice() -> Lattice {
@@ -18,7 +19,7 @@ fn lattice() -> Lattice {
 
 fn fitted(scans: &[LaserScan], distance: Distance, options: &FitOptions) -> Estimate {
     let noise = Scenario::experiment_one().noise;
-    fit(scans, &noise, distance, &lattice(), options, &mut |_| ControlFlow::Continue(())).unwrap()
+    fit(scans, &noise, distance, &lattice(), options, &Team::default(), &mut |_| ControlFlow::Continue(())).unwrap()
 }
 
 /// `M` and `B` as dense matrices: all inputs, then the reports, then rounding.
@@ -212,7 +213,7 @@ fn a_fit_is_found_again_where_it_ended() {
         let estimate = fitted(&scans, distance, &options(poses));
         let coefficients: Vec<&[f64]> = estimate.surfaces.iter().map(|s| s.coefficients.as_slice()).collect();
         let end = End { coefficients: &coefficients, poses: &estimate.resume };
-        let again = resume(&scans, &noise, distance, &lattice(), &options(poses), end).unwrap();
+        let again = resume(&scans, &noise, distance, &lattice(), &options(poses), &Team::default(), end).unwrap();
         // A fit's pattern also holds what its poses saw on the way.
         let (again, before) = (again.system.hessian.diagonal(), estimate.system.hessian.diagonal());
         assert!(again.iter().zip(&before).all(|(a, b)| (a - b).abs() <= 1e-9 * b.abs()));

@@ -13,6 +13,7 @@ use uuid::Uuid;
 use super::Workshop;
 use super::background::in_background_while;
 use super::clock::Clock;
+use super::hands::Borrower;
 use super::solver::{Follower, WHOLE};
 use super::trail::Trail;
 use crate::fit::FitError;
@@ -20,6 +21,7 @@ use crate::jobs::lifecycle::{MAX_ATTEMPTS, backoff, runs_again};
 use crate::jobs::{JobRequest, Joined, Limits, Lineage, MapRecord, ProblemReport, Progress, RequestError, Stored};
 use crate::living::{JoinError, aligned};
 use crate::map::{ArchiveError, FittedMap, MapError, Stage, SurveyError};
+use crate::sparse::Team;
 use crate::store::{Artifacts, ArtifactsError, Claim, MAP_FILE, StoreError, Written};
 use crate::uncertainty::UncertaintyError;
 
@@ -183,7 +185,8 @@ fn work(workshop: &Arc<Workshop>, runtime: &Handle, own: &Arc<Own>) -> Result<()
     runtime.block_on(keep(workshop, &own.prefix, bytes, &own.stop))?;
     own.trail.enter("finish");
     let job = &own.claim.job;
-    let done = Progress::done(job.progress.max_iterations, &record.fit);
+    let parts = own.progress.lock().unwrap_or_else(PoisonError::into_inner).parts;
+    let done = Progress { parts, ..job.progress.clone() }.done(&record.fit);
     match runtime.block_on(workshop.records.succeed(job.attempt, &record, &done))? {
         true => {
             workshop.metrics.fitted(record.distance.name(), &record.fit, fitted.elapsed());
@@ -215,7 +218,8 @@ fn form(workshop: &Workshop, own: &Own) -> Result<(MapRecord, Vec<u8>), AttemptE
     let _held = clock.without(|| workshop.memory.reserve(cost.bytes as u64, &goes_on)).ok_or(AttemptError::Stopped)?;
     set_stage(progress, "fitting", 0.0);
     trail.enter("fit");
-    let follower = Follower { progress, stop, stage: &|stage| own.stage(stage) };
+    let team = Team::with(Arc::new(Borrower { hands: workshop.hands.clone(), progress: progress.clone() }));
+    let follower = Follower { progress, stop, stage: &|stage| own.stage(stage), team };
     let fit = |request: &JobRequest| workshop.solver.map_of(request, &follower);
     let map = match &request.joined {
         Some(joined) => fit_joined(&request, joined, own, &workshop.limits, fit)?,
@@ -332,7 +336,7 @@ async fn keep_lease(
 /// Says in the store what became of an attempt that has no map, and how it ended.
 async fn settle(workshop: &Workshop, claim: &Claim, prefix: &str, error: &AttemptError) -> &'static str {
     let (records, id, attempt) = (&workshop.records, &claim.job.id[..], claim.job.attempt);
-    let queued = Progress::queued(claim.job.progress.max_iterations);
+    let queued = claim.job.progress.again();
     let (ended, outcome) = match error {
         // Draining hands the job back; where the lease is lost this writes nothing.
         AttemptError::Stopped => ("stopped", records.release(id, attempt, &queued).await),

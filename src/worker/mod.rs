@@ -9,6 +9,7 @@
 mod attempt;
 mod background;
 mod clock;
+mod hands;
 mod house;
 mod memory;
 mod metrics;
@@ -37,6 +38,7 @@ pub use metrics::Metrics;
 pub use rules::Rules;
 pub use solver::{Follower, Solver, fit_request};
 
+use hands::Hands;
 use memory::Memory;
 
 /// How long an idle solver waits before it looks for work that nobody told it of.
@@ -60,6 +62,7 @@ pub struct Workshop {
     /// Told when there may be something to tell by a webhook.
     pub hooks: Notify,
     memory: Memory,
+    hands: Arc<Hands>,
     solver: Box<dyn Solver>,
     pub metrics: Metrics,
     pub traces: Traces,
@@ -98,6 +101,7 @@ impl Workshop {
             artifacts,
             limits,
             memory: Memory::new(rules.memory),
+            hands: Arc::new(Hands::none()),
             solver,
             metrics: Metrics::new()?,
             traces,
@@ -183,6 +187,7 @@ impl Solvers {
         let watched = workshop.clone();
         runtime.spawn(async move { watched.watch_places().await });
         runtime.spawn(webhooks::deliver(workshop.clone()));
+        workshop.hands.join(count);
         let threads = (0..count)
             .map(|k| {
                 let (workshop, runtime) = (workshop.clone(), runtime.clone());
@@ -225,6 +230,7 @@ fn solve(workshop: &Arc<Workshop>, runtime: &Handle, name: &str) {
             Ok(Some((claim, asked))) => {
                 let (id, attempt) = (claim.job.id.clone(), claim.job.attempt);
                 tracing::info!(job = %id, attempt, "attempt begins");
+                let _own = workshop.hands.at_work();
                 attempt::run(workshop, runtime, claim, asked);
                 tracing::info!(job = %id, attempt, "attempt ends");
             }

@@ -6,6 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::jobs::{JobRequest, Progress};
 use crate::map::{FittedMap, Stage, Step, SurveyError};
+use crate::sparse::Team;
 
 /// What the fit and its covariance take of the whole, in per cent: little is before them, and little after.
 pub(super) const WHOLE: (f64, f64) = (1.0, 97.0);
@@ -18,6 +19,8 @@ pub struct Follower<'a> {
     pub stop: &'a AtomicBool,
     /// Told at every step which stage it belongs to.
     pub stage: &'a dyn Fn(Stage),
+    /// Who shares the work.
+    pub team: Team,
 }
 
 /// What makes maps of requests. There is one; tests have others, which panic, or do not end.
@@ -42,7 +45,7 @@ pub fn fit_request(request: &JobRequest, follower: &Follower<'_>) -> Result<Fitt
         report(follower.progress, step);
         if follower.stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    request.survey().map_watched(&observer)
+    request.survey().team(follower.team.clone()).map_watched(&observer)
 }
 
 fn report(progress: &Mutex<Progress>, step: &Step) {

@@ -29,7 +29,7 @@ fn terms(worker: &str) -> Terms {
 }
 
 const QUEUED: Progress =
-    Progress { percent: 0.0, stage: String::new(), iteration: 0, max_iterations: 5, objective: None };
+    Progress { percent: 0.0, stage: String::new(), iteration: 0, max_iterations: 5, objective: None, parts: None };
 const DONE: Progress = QUEUED;
 
 fn new_job(tenant: &str, priority: i32) -> NewJob {

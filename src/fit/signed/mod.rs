@@ -32,7 +32,7 @@ use super::viewpoint::{Viewpoint, corrected, information, returns_inside, scatte
 use super::{FitError, Job, Observer, Progress, in_use, why_not};
 use crate::geometry::{Pose, Vec2};
 use crate::scan::{Evidence, Return};
-use crate::sparse::{Cholesky, Pattern, Stencil};
+use crate::sparse::{Cholesky, Stencil};
 use inputs::SignedInputs;
 
 /// `calibrated` asks for unit slope where there is evidence, and this many cells around it. Farther off, nothing says
@@ -63,7 +63,7 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
         Some(band) => Stencil::of_cells(lattice, &evidence.cells_within(lattice, band)),
         None => Stencil::of(lattice),
     };
-    let mut cholesky = Cholesky::analyse(&Pattern::of_stencil(&stencil))?;
+    let mut cholesky = job.cholesky(&stencil)?;
     let severity = if calibrated { continuation::severity(scatter, lattice.resolution) } else { 0.0 };
     let start = signed_nearest_return(lattice, &returns, &evidence, severity, &mut cholesky)?;
     let weighing = match options.weighting {

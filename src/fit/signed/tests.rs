@@ -20,7 +20,14 @@ fn fitted(weighting: Weighting, seed: u64) -> Stand {
     let lattice = Lattice::covering(&scenario.bounds, 0.4, 100_000).unwrap();
     let options = FitOptions { weighting, max_iterations: 3, ..Default::default() };
     let scans = scenario.scans(seed);
-    let job = Job { scans: &scans, noise: &scenario.noise, lattice: &lattice, options: &options, end: None };
+    let job = Job {
+        scans: &scans,
+        noise: &scenario.noise,
+        lattice: &lattice,
+        options: &options,
+        team: &crate::sparse::Team::default(),
+        end: None,
+    };
     let estimate = fit(&job, &mut |_| ControlFlow::Continue(())).unwrap();
     let mut unknowns = estimate.surfaces[0].coefficients.clone();
     unknowns.extend(&estimate.resume);
@@ -45,7 +52,7 @@ fn fit_room(
     lattice: &Lattice,
     observer: Observer<'_>,
 ) -> Result<Estimate, FitError> {
-    fit_any(scans, noise, Distance::Signed, lattice, &FitOptions::default(), observer)
+    fit_any(scans, noise, Distance::Signed, lattice, &FitOptions::default(), &crate::sparse::Team::default(), observer)
 }
 
 /// Central differences of value and gradient along random directions, against the assembled system.

@@ -36,7 +36,7 @@ use super::viewpoint::{Viewpoint, corrected, information, range_sigma, returns_i
 use super::{End, FitError, Job, Observer, Progress, in_use, why_not};
 use crate::geometry::Pose;
 use crate::scan::{LaserScan, Noise, Return};
-use crate::sparse::{Cholesky, Pattern, Stencil};
+use crate::sparse::{Cholesky, Stencil};
 use crate::spline::Lattice;
 
 /// Control points are in use where evidence is at most this many cells away, unless the request has a band.
@@ -78,7 +78,7 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
     let near = evidence.cells_within(lattice, band.min(default_band));
     let stencil = Stencil::of_cells(lattice, &evidence.cells_within(lattice, band));
     let place = Place { scans, lattice, viewpoints: &viewpoints, weights: &weights, near: &near, stencil: &stencil };
-    let mut cholesky = Cholesky::analyse(&Pattern::of_stencil(&stencil))?;
+    let mut cholesky = job.cholesky(&stencil)?;
 
     let (mut gathered, mut z) = match job.end {
         Some(end) => place.ended(end, &mut returns)?,
@@ -323,6 +323,7 @@ pub(super) mod tests {
     use crate::geometry::Vec2;
     use crate::scan::returns_of;
     use crate::sim::{Lidar, World, simulate};
+    use crate::sparse::Team;
 
     /// A corridor along x, 2 m wide, seen from eight places. People are in the way of one scan each.
     pub(in crate::fit) fn corridor(people: &[Vec2]) -> (Vec<LaserScan>, Surfels) {
@@ -354,7 +355,14 @@ pub(super) mod tests {
         let noise = Noise { sigma_x: 0.001, sigma_y: 0.001, sigma_theta: 1e-4, sigma_range: 0.005 };
         let bounds = crate::geometry::Bounds { min: [-0.5, -0.5], max: [8.5, 2.5] };
         let lattice = Lattice::covering(&bounds, 0.25, 10_000).unwrap();
-        let job = Job { scans: &scans, noise: &noise, lattice: &lattice, options: &FitOptions::default(), end: None };
+        let job = Job {
+            scans: &scans,
+            noise: &noise,
+            lattice: &lattice,
+            options: &FitOptions::default(),
+            team: &Team::default(),
+            end: None,
+        };
         let fit = fit(&job, &mut |_| ControlFlow::Continue(())).unwrap();
         assert!(fit.converged && fit.minimum.relative_gradient < 1e-10);
         for (x, y) in [(1.0, 0.0), (2.3, 0.4), (4.1, 0.6), (5.0, 2.0), (6.2, 1.5)] {

@@ -12,7 +12,6 @@ use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
 use crate::http::shared::relabel::{RelabelBody, relabelling};
 use crate::http::shared::{AppState, Caller};
-use crate::jobs::Progress;
 use crate::store::NewJob;
 
 /// Give a job another name or other labels. A map that it has already keeps its own.
@@ -61,7 +60,7 @@ pub async fn retry_job(
         name: job.name,
         labels: job.labels,
         priority: job.priority,
-        progress: Progress::queued(job.progress.max_iterations),
+        progress: job.progress.again(),
         message: None,
         request,
         idempotency: None,

@@ -6,7 +6,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::http::shared::page::timestamp;
-use crate::jobs::{Job, JobStatus, ProblemReport, Progress};
+use crate::jobs::{Job, JobStatus, Parts, ProblemReport, Progress};
 
 /// A job.
 #[derive(Debug, Serialize, ToSchema)]
@@ -51,14 +51,6 @@ pub struct JobBody {
     pub links: BTreeMap<&'static str, String>,
 }
 
-/// How many parts a job has, and how far they are.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct Parts {
-    pub total: u32,
-    pub done: u32,
-    pub running: u32,
-}
-
 impl From<Job> for JobBody {
     fn from(job: Job) -> Self {
         let itself = format!("/v1/jobs/{}", job.id);
@@ -73,7 +65,8 @@ impl From<Job> for JobBody {
             name: job.name,
             labels: job.labels,
             status: job.status,
-            progress: job.progress,
+            parts: job.progress.parts,
+            progress: Progress { parts: None, ..job.progress },
             message: job.message,
             created: timestamp(job.created),
             started: job.started.and_then(timestamp),
@@ -85,7 +78,6 @@ impl From<Job> for JobBody {
             problem: job.problem,
             retry_of: job.retry_of,
             deadline: job.deadline.and_then(timestamp),
-            parts: None,
             links,
         }
     }

@@ -167,7 +167,8 @@ pub struct JoinedMapRequestBody {
     bounds: Option<BoundsBody>,
     /// Metres; three cells by default.
     margin: Option<f64>,
-    /// Whether a map too large for one fit may be fitted in parts. As yet none is: both answer 422.
+    /// Whether a map with more control points in use than one fit may have is fitted in parts, which is the default, or
+    /// refused.
     tiling: Option<Tiling>,
 }
 
@@ -239,7 +240,8 @@ pub struct MapRequestBody {
     bounds: Option<BoundsBody>,
     /// Metres; three cells by default.
     margin: Option<f64>,
-    /// Whether a map too large for one fit may be fitted in parts. As yet none is: both answer 422.
+    /// Whether a map with more control points in use than one fit may have is fitted in parts, which is the default, or
+    /// refused.
     tiling: Option<Tiling>,
 }
 

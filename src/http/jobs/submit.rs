@@ -22,7 +22,7 @@ use crate::http::shared::negotiate::{JSON, MULTIPART};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
 use crate::http::shared::{AppState, Caller};
-use crate::jobs::{Fault, JobRequest, Limits, Progress};
+use crate::jobs::{Fault, JobRequest, Limits};
 use crate::store::{NewJob, Submission};
 
 /// A job that was there already, or what one would be.
@@ -169,12 +169,13 @@ pub fn within_memory(
 
 /// A job of nobody's yet. `stored` is what is kept of its request, `idempotency` the client's key and a digest.
 pub fn new_job(request: JobRequest, stored: &[u8], idempotency: Option<(String, String)>) -> Result<NewJob, Problem> {
+    let progress = request.queued();
     Ok(NewJob {
         tenant: String::new(),
         name: request.name,
         labels: request.labels,
         priority: request.priority,
-        progress: Progress::queued(request.options.max_iterations),
+        progress,
         message: None,
         request: zstd::encode_all(stored, 1).map_err(|error| Problem::internal(&error))?,
         idempotency,

@@ -7,8 +7,8 @@ use sqlx::AssertSqlSafe;
 
 use super::rows::{self, JOB, MAP};
 use super::{PostgresStore, now};
+use crate::jobs::MapRecord;
 use crate::jobs::lifecycle::{Verdict, past_deadline};
-use crate::jobs::{MapRecord, Progress};
 use crate::store::{Holdings, Housekeeping, Judge, StoreError, Written};
 
 /// Jobs failed for their deadline by one statement, and how many such statements a reaping makes.
@@ -86,7 +86,7 @@ impl Housekeeping for PostgresStore {
                     sqlx::query(FAIL).bind(&job.id).bind(job.attempt).bind(serde_json::to_string(&problem)?)
                 }
                 Verdict::Again(message) => {
-                    let progress = serde_json::to_string(&Progress::queued(job.progress.max_iterations))?;
+                    let progress = serde_json::to_string(&job.progress.again())?;
                     sqlx::query(AGAIN).bind(&job.id).bind(job.attempt).bind(message).bind(progress)
                 }
             };

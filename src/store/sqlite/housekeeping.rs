@@ -8,7 +8,7 @@ use sqlx::{AssertSqlSafe, Sqlite, Transaction};
 use super::rows::{self, JOB, MAP};
 use super::{SqliteStore, now};
 use crate::jobs::lifecycle::{Verdict, past_deadline};
-use crate::jobs::{MapRecord, ProblemReport, Progress};
+use crate::jobs::{MapRecord, ProblemReport};
 use crate::store::{Holdings, Housekeeping, Judge, StoreError, Written};
 
 const LAPSED: &str = concat!(" FROM jobs WHERE status = 'running' AND lease_until < ", now!());
@@ -63,7 +63,7 @@ impl Housekeeping for SqliteStore {
             match verdict(&job) {
                 Verdict::Failed(problem) => fail(&mut tx, &job.id, &problem).await?,
                 Verdict::Again(message) => {
-                    let progress = serde_json::to_string(&Progress::queued(job.progress.max_iterations))?;
+                    let progress = serde_json::to_string(&job.progress.again())?;
                     sqlx::query(AGAIN).bind(message).bind(progress).bind(&job.id).execute(&mut *tx).await?;
                 }
             }

@@ -1,0 +1,112 @@
+//! Products and solves of dense blocks, in columns that a team shares.
+//!
+//! The columns are cut at fixed places, so the same numbers are added in the same order whoever does which of them.
+
+use faer::linalg::matmul::matmul;
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
+use faer::{Accum, Mat, MatMut, MatRef, Par};
+
+use super::team::Team;
+
+/// Columns that one thread takes at a time: enough that a product keeps its speed.
+const COLUMNS: usize = 128;
+
+/// `scale a b`.
+pub(super) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64, team: &Team) -> Mat<f64> {
+    let mut out = Mat::zeros(a.nrows(), b.ncols());
+    in_columns(out.as_mut(), team, |first, into| {
+        matmul(into, Accum::Replace, a, columns_of(b, first), scale, Par::Seq);
+    });
+    out
+}
+
+/// Adds `scale a b`.
+pub(super) fn accumulate(into: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64, team: &Team) {
+    in_columns(into, team, |first, into| matmul(into, Accum::Add, a, columns_of(b, first), scale, Par::Seq));
+}
+
+/// Adds the lower triangle of `scale a b`, which is symmetric, alone or with others.
+pub(super) fn accumulate_lower(into: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64, team: &Team) {
+    let (lower, whole) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
+    in_columns(into, team, |first, into| {
+        let (count, b) = (into.ncols(), columns_of(b, first));
+        let (_, from) = into.split_at_row_mut(first);
+        let (square, below) = from.split_at_row_mut(count);
+        let (_, a) = a.split_at_row(first);
+        let (a_square, a_below) = a.split_at_row(count);
+        triangular::matmul(square, lower, Accum::Add, a_square, whole, b, whole, scale, Par::Seq);
+        matmul(below, Accum::Add, a_below, b, scale, Par::Seq);
+    });
+}
+
+/// `L^-1 x` in place.
+pub(super) fn solve_lower(l: MatRef<'_, f64>, x: MatMut<'_, f64>, team: &Team) {
+    in_columns(x, team, |_, x| solve_lower_triangular_in_place(l, x, Par::Seq));
+}
+
+/// `L^-T x` in place.
+pub(super) fn solve_lower_transposed(l: MatRef<'_, f64>, x: MatMut<'_, f64>, team: &Team) {
+    in_columns(x, team, |_, x| solve_upper_triangular_in_place(l.transpose(), x, Par::Seq));
+}
+
+/// Copies the lower triangle to the upper.
+pub(super) fn mirror(mut square: MatMut<'_, f64>) {
+    for column in 0..square.ncols() {
+        for row in column + 1..square.nrows() {
+            square[(column, row)] = square[(row, column)];
+        }
+    }
+}
+
+/// `work` on each piece of the columns, with the first one's index.
+fn in_columns<'m>(of: MatMut<'m, f64>, team: &Team, work: impl Fn(usize, MatMut<'m, f64>) + Sync) {
+    if of.ncols() <= COLUMNS {
+        return work(0, of);
+    }
+    let (mut pieces, mut rest, mut first) = (Vec::new(), of, 0);
+    while rest.ncols() > COLUMNS {
+        let (piece, others) = rest.split_at_col_mut(COLUMNS);
+        pieces.push((first, piece));
+        (rest, first) = (others, first + COLUMNS);
+    }
+    pieces.push((first, rest));
+    team.each(pieces, |(first, piece)| work(first, piece));
+}
+
+fn columns_of(b: MatRef<'_, f64>, first: usize) -> MatRef<'_, f64> {
+    b.subcols(first, COLUMNS.min(b.ncols() - first))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::num::NonZero;
+
+    fn wave(rows: usize, columns: usize, pitch: f64) -> Mat<f64> {
+        Mat::from_fn(rows, columns, |a, b| (pitch * (a * columns + b) as f64).sin())
+    }
+
+    #[test]
+    fn pieces_are_the_whole_and_the_same_bytes_for_any_team() {
+        let (n, k) = (2 * COLUMNS + 37, 41);
+        let (a, l) = (wave(n, k, 0.7), wave(k, k, 0.3) + Mat::<f64>::identity(k, k) * faer::Scale(9.0));
+        let whole = &a * a.transpose();
+        let all = [1, 2, 3].map(|threads| {
+            let team = Team::of(NonZero::new(threads).unwrap());
+            let mut lower = Mat::zeros(n, n);
+            accumulate_lower(lower.as_mut(), a.as_ref(), a.transpose(), 1.0, &team);
+            mirror(lower.as_mut());
+            let mut solved = a.transpose().to_owned();
+            solve_lower(l.as_ref(), solved.as_mut(), &team);
+            solve_lower_transposed(l.as_ref(), solved.as_mut(), &team);
+            (product(a.as_ref(), a.transpose(), 1.0, &team), lower, solved)
+        });
+        assert!((&all[0].0 - &whole).norm_max() < 1e-12 && (&all[0].1 - &whole).norm_max() < 1e-12);
+        let mut exact = a.transpose().to_owned();
+        solve_lower_triangular_in_place(l.as_ref(), exact.as_mut(), Par::Seq);
+        solve_upper_triangular_in_place(l.transpose(), exact.as_mut(), Par::Seq);
+        assert!((&all[0].2 - &exact).norm_max() < 1e-12);
+        assert!(all[1] == all[0] && all[2] == all[0]);
+    }
+}

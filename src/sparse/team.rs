@@ -1,0 +1,263 @@
+//! The threads that work on one system.
+//!
+//! Work comes in items whose results do not depend on who does them, and is put together in the items' order: the same
+//! bytes with one thread as with many. How many there are is the [`Lender`]'s to say, anew for every pass: a service
+//! lends the threads that have nothing else to do.
+
+use std::fmt;
+use std::num::NonZero;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use super::error::SparseError;
+
+/// How often a team that works is told from outside whether to go on.
+const LOOK: Duration = Duration::from_millis(20);
+/// Work between two questions whether to go on, in multiply-adds.
+const BREATH: u64 = 100_000_000;
+
+/// Who has threads to lend.
+pub trait Lender: Send + Sync {
+    /// Lends so many threads at most; `give_back` is told of as many.
+    fn lend(&self, most: usize) -> usize;
+    fn give_back(&self, count: usize);
+    /// Told of a walk's branches as they are begun and done.
+    fn told(&self, _parts: &Parts) {}
+}
+
+/// How far a walk is with the branches of a system.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Parts {
+    pub total: usize,
+    pub done: usize,
+    pub running: usize,
+}
+
+/// See the module. The default is one thread, the caller's.
+#[derive(Clone, Default)]
+pub struct Team {
+    lender: Option<Arc<dyn Lender>>,
+}
+
+impl fmt::Debug for Team {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(if self.lender.is_some() { "Team" } else { "Team of one" })
+    }
+}
+
+/// So many threads, the caller's among them.
+struct Fixed(usize);
+
+impl Lender for Fixed {
+    fn lend(&self, most: usize) -> usize {
+        most.min(self.0)
+    }
+
+    fn give_back(&self, _: usize) {}
+}
+
+/// Gives threads back however the work ends.
+struct Loan<'a> {
+    lender: &'a dyn Lender,
+    count: usize,
+}
+
+impl Drop for Loan<'_> {
+    fn drop(&mut self) {
+        self.lender.give_back(self.count);
+    }
+}
+
+impl Team {
+    /// Of so many threads, the caller's among them.
+    pub fn of(threads: NonZero<usize>) -> Self {
+        Self::threads(threads.get())
+    }
+
+    fn threads(count: usize) -> Self {
+        Self { lender: (count > 1).then(|| Arc::new(Fixed(count - 1)) as Arc<dyn Lender>) }
+    }
+
+    /// Of one thread a core.
+    pub fn of_this_machine() -> Self {
+        Self::of(std::thread::available_parallelism().unwrap_or(NonZero::<usize>::MIN))
+    }
+
+    /// Of the caller's thread and those that the lender lends.
+    pub fn with(lender: Arc<dyn Lender>) -> Self {
+        Self { lender: Some(lender) }
+    }
+
+    /// Does every item, and gives the results in the items' order.
+    pub(super) fn each<T: Send, R: Send>(&self, items: Vec<T>, work: impl Fn(T) -> R + Sync) -> Vec<R> {
+        let Some(loan) = self.borrow(items.len()) else { return items.into_iter().map(work).collect() };
+        let queue = Mutex::new(items.into_iter().enumerate());
+        let run = || {
+            let mut done = Vec::new();
+            while let Some((k, item)) = next(&queue) {
+                done.push((k, work(item)));
+            }
+            done
+        };
+        let mut done = std::thread::scope(|scope| {
+            let others: Vec<_> = (0..loan.count).map(|_| scope.spawn(run)).collect();
+            let mut done = run();
+            others.into_iter().for_each(|other| done.extend(joined(other)));
+            done
+        });
+        done.sort_unstable_by_key(|(k, _)| *k);
+        done.into_iter().map(|(_, result)| result).collect()
+    }
+
+    /// The same, for long work: while the team is at it, the caller's thread watches, and `pace` is asked whether to go on.
+    /// Items ask their [`Pace`] in turn.
+    pub(super) fn each_at_pace<T: Send, R: Send>(
+        &self,
+        items: Vec<T>,
+        pace: &Pace,
+        go_on: &dyn Fn(f64) -> bool,
+        work: impl Fn(T) -> Result<R, SparseError> + Sync,
+    ) -> Result<Vec<R>, SparseError> {
+        let loan = self.borrow(items.len());
+        let crew = Self::threads(loan.as_ref().map_or(1, |loan| loan.count + 1));
+        let watcher = std::thread::current();
+        let parts = Mutex::new(Parts { total: items.len(), ..Parts::default() });
+        let tell = |change: fn(&mut Parts)| {
+            if let Some(lender) = &self.lender {
+                let mut parts = parts.lock().unwrap_or_else(PoisonError::into_inner);
+                change(&mut parts);
+                lender.told(&parts);
+            }
+        };
+        let work = |item| {
+            tell(|parts| parts.running += 1);
+            let outcome = work(item);
+            tell(|parts| (parts.running, parts.done) = (parts.running - 1, parts.done + 1));
+            outcome
+        };
+        let work = &work;
+        std::thread::scope(|scope| {
+            let busy = scope.spawn(move || {
+                let done = crew.each(items, work);
+                watcher.unpark();
+                done
+            });
+            while !busy.is_finished() {
+                // Told to stop, the items end by themselves.
+                let _ = pace.ask(go_on);
+                std::thread::park_timeout(LOOK);
+            }
+            joined(busy).into_iter().collect()
+        })
+    }
+
+    fn borrow(&self, items: usize) -> Option<Loan<'_>> {
+        let lender = self.lender.as_deref().filter(|_| items > 1)?;
+        let count = lender.lend(items - 1);
+        (count > 0).then_some(Loan { lender, count })
+    }
+}
+
+fn next<T>(queue: &Mutex<impl Iterator<Item = T>>) -> Option<T> {
+    queue.lock().unwrap_or_else(PoisonError::into_inner).next()
+}
+
+/// A thread's outcome; its panic goes on in this one.
+fn joined<R>(thread: std::thread::ScopedJoinHandle<'_, R>) -> R {
+    thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}
+
+/// How far a walk is, in proportion to the work, and whether it goes on. Shared by those who walk.
+pub(super) struct Pace {
+    whole: f64,
+    /// Multiply-adds.
+    done: AtomicU64,
+    /// How much was done when it was last asked.
+    told: AtomicU64,
+    stopped: AtomicBool,
+}
+
+impl Pace {
+    pub fn of(whole: f64) -> Self {
+        Self { whole, done: AtomicU64::new(0), told: AtomicU64::new(0), stopped: AtomicBool::new(false) }
+    }
+
+    /// So much more is done.
+    pub fn step(&self, work: f64) -> Result<(), SparseError> {
+        self.done.fetch_add(work as u64, Ordering::Relaxed);
+        self.goes_on()
+    }
+
+    /// Tells how far it is, and asks.
+    pub fn ask(&self, go_on: &dyn Fn(f64) -> bool) -> Result<(), SparseError> {
+        let done = self.done.load(Ordering::Relaxed);
+        self.told.store(done, Ordering::Relaxed);
+        if !go_on(done as f64 / self.whole.max(1.0)) {
+            self.stopped.store(true, Ordering::Relaxed);
+        }
+        self.goes_on()
+    }
+
+    /// Asks where enough was done since it last did.
+    pub fn ask_at_times(&self, go_on: &dyn Fn(f64) -> bool) -> Result<(), SparseError> {
+        let since = self.done.load(Ordering::Relaxed) - self.told.load(Ordering::Relaxed);
+        if since < BREATH { self.goes_on() } else { self.ask(go_on) }
+    }
+
+    fn goes_on(&self) -> Result<(), SparseError> {
+        if self.stopped.load(Ordering::Relaxed) { Err(SparseError::Stopped) } else { Ok(()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn threads(count: usize) -> Team {
+        Team::of(NonZero::new(count).unwrap())
+    }
+
+    #[test]
+    fn results_come_in_the_items_order_however_many_work() {
+        for count in 1..5 {
+            let squares = threads(count).each((0..100).collect(), |k: u64| k * k);
+            assert!(squares.into_iter().eq((0..100).map(|k| k * k)));
+        }
+    }
+
+    #[test]
+    fn a_team_told_to_stop_stops_however_many_work() {
+        for count in [1, 3] {
+            let pace = Pace::of(1e6);
+            let told = std::cell::Cell::new(0);
+            let go_on = |_: f64| {
+                told.set(told.get() + 1);
+                told.get() < 3
+            };
+            let outcome = threads(count).each_at_pace((0..1000).collect(), &pace, &go_on, |_: usize| {
+                std::thread::sleep(Duration::from_millis(1));
+                pace.step(1.0)
+            });
+            assert_eq!(outcome, Err(SparseError::Stopped));
+        }
+    }
+
+    #[test]
+    fn a_lender_gets_back_what_it_lent() {
+        struct Counted(AtomicU64);
+        impl Lender for Counted {
+            fn lend(&self, most: usize) -> usize {
+                self.0.fetch_add(most.min(2) as u64, Ordering::Relaxed);
+                most.min(2)
+            }
+            fn give_back(&self, count: usize) {
+                self.0.fetch_sub(count as u64, Ordering::Relaxed);
+            }
+        }
+        let lender = Arc::new(Counted(AtomicU64::new(0)));
+        let team = Team::with(lender.clone());
+        assert_eq!(team.each(vec![1, 2, 3], |k| k + 1), [2, 3, 4]);
+        assert_eq!(lender.0.load(Ordering::Relaxed), 0);
+    }
+}
