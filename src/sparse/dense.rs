@@ -50,11 +50,17 @@ pub(super) fn solve_lower_transposed(l: MatRef<'_, f64>, x: MatMut<'_, f64>, tea
     in_columns(x, team, |_, x| solve_upper_triangular_in_place(l.transpose(), x, Par::Seq));
 }
 
-/// Copies the lower triangle to the upper.
+/// Rows and columns of a tile that stays in the cache while it is turned.
+const TILE: usize = 32;
+
+/// Copies the lower triangle to the upper, tile by tile.
 pub(super) fn mirror(mut square: MatMut<'_, f64>) {
-    for column in 0..square.ncols() {
-        for row in column + 1..square.nrows() {
-            square[(column, row)] = square[(row, column)];
+    let n = square.nrows();
+    for (first_column, first_row) in (0..n).step_by(TILE).flat_map(|j| (j..n).step_by(TILE).map(move |i| (j, i))) {
+        for column in first_column..(first_column + TILE).min(n) {
+            for row in first_row.max(column + 1)..(first_row + TILE).min(n) {
+                square[(column, row)] = square[(row, column)];
+            }
         }
     }
 }

@@ -130,6 +130,21 @@ impl Pattern {
         Arc::new(pattern)
     }
 
+    /// The pattern with room for these views: this one where it has it, so that its analysis stands, else one in which
+    /// what was seen before keeps its place.
+    pub fn with_room_for(self: &Arc<Self>, stencil: &Arc<Stencil>, components: usize, views: Views) -> Arc<Self> {
+        let alike =
+            self.components == components && Arc::ptr_eq(&self.stencil, stencil) && self.views.poses() == views.poses();
+        if !alike {
+            return Self::new(stencil.clone(), components, views);
+        }
+        if views.pairs().all(|(pose, point)| self.views.position(pose, point).is_some()) {
+            return self.clone();
+        }
+        let all = Views::of(views.poses(), self.views.pairs().chain(views.pairs()));
+        Self::new(stencil.clone(), components, all)
+    }
+
     pub fn stencil(&self) -> &Arc<Stencil> {
         &self.stencil
     }
@@ -158,6 +173,12 @@ impl Pattern {
             let span = self.column_starts[column]..self.column_starts[column + 1];
             span.map(move |at| (self.rows[at], column, self.sources[at]))
         })
+    }
+
+    /// The stored entries of a column, as rows and places among a matrix's parts.
+    pub(super) fn column(&self, column: usize) -> (&[usize], &[usize]) {
+        let span = self.column_starts[column]..self.column_starts[column + 1];
+        (&self.rows[span.clone()], &self.sources[span])
     }
 
     pub(super) fn sources(&self) -> &[usize] {

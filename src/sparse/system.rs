@@ -207,12 +207,15 @@ impl Symmetric for SystemMatrix {
             y[row] += value * x[column];
             y[column] += value * x[row];
         }
-        for (row, column, at) in self.pattern.entries() {
-            let value = self.values[at];
-            y[row] += value * x[column];
-            if row != column {
-                y[column] += value * x[row];
+        for column in 0..x.len() {
+            let (rows, places) = self.pattern.column(column);
+            let (own, mut sum) = (x[column], 0.0);
+            for (&row, &at) in rows.iter().zip(places) {
+                let value = self.values[at];
+                y[row] += value * own;
+                sum += if row == column { 0.0 } else { value * x[row] };
             }
+            y[column] += sum;
         }
         y
     }

@@ -90,7 +90,7 @@ impl Team {
     }
 
     /// Does every item, and gives the results in the items' order.
-    pub(super) fn each<T: Send, R: Send>(&self, items: Vec<T>, work: impl Fn(T) -> R + Sync) -> Vec<R> {
+    pub(crate) fn each<T: Send, R: Send>(&self, items: Vec<T>, work: impl Fn(T) -> R + Sync) -> Vec<R> {
         let Some(loan) = self.borrow(items.len()) else { return items.into_iter().map(work).collect() };
         let queue = Mutex::new(items.into_iter().enumerate());
         let run = || {

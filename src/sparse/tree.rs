@@ -11,6 +11,8 @@ use std::ops::Range;
 use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
 use faer::{Mat, MatRef};
 
+use super::dense::mirror;
+
 /// Who eliminates what, and for whom.
 pub(super) struct Tree {
     /// The supernode that eliminates each step.
@@ -133,17 +135,19 @@ impl<'a> Shape<'a> {
             let first = self.symbolic.supernode_begin()[t];
             let end = start + below[start..].partition_point(|&step| step < self.symbolic.supernode_end()[t]);
             let places = self.places(t, &below[start..]);
+            let runs = runs(&places);
             let (panel, height) = (panel_of(t), self.height(t));
             for column in start..end {
                 let values = &panel[(below[column] - first) * height..][..height];
-                for row in column..below.len() {
-                    let value = values[places[row - start]];
-                    trailing[(row, column)] = value;
-                    trailing[(column, row)] = value;
+                let to = trailing.col_as_slice_mut(column);
+                for run in &runs[runs.partition_point(|run| run.end + start <= column)..] {
+                    let from = run.start.max(column - start);
+                    to[start + from..start + run.end].copy_from_slice(&values[places[from]..][..run.end - from]);
                 }
             }
             start = end;
         }
+        mirror(trailing.as_mut());
         trailing
     }
 
@@ -151,16 +155,20 @@ impl<'a> Shape<'a> {
     /// below.
     pub fn extend_add(self, s: usize, panel: &mut [f64], trailing: &mut Mat<f64>, child: usize, update: &Mat<f64>) {
         let places = self.places(s, self.below(child));
+        let runs = runs(&places);
         let (width, height) = (self.width(s), self.height(s));
         for (column, &into) in places.iter().enumerate() {
-            let own = &update.col_as_slice(column)[column..];
-            let to = if into < width {
-                &mut panel[into * height..][..height]
+            let own = update.col_as_slice(column);
+            let (to, shift) = if into < width {
+                (&mut panel[into * height..][..height], 0)
             } else {
-                trailing.col_as_slice_mut(into - width)
+                (trailing.col_as_slice_mut(into - width), width)
             };
-            let shift = if into < width { 0 } else { width };
-            places[column..].iter().zip(own).for_each(|(place, value)| to[place - shift] += value);
+            for run in &runs[runs.partition_point(|run| run.end <= column)..] {
+                let own = &own[run.start.max(column)..run.end];
+                let first = places[run.start.max(column)] - shift;
+                to[first..first + own.len()].iter_mut().zip(own).for_each(|(to, value)| *to += value);
+            }
         }
     }
 
@@ -190,4 +198,16 @@ impl<'a> Shape<'a> {
         };
         steps.iter().map(place).collect()
     }
+}
+
+/// The ranges over which places follow one another.
+fn runs(places: &[usize]) -> Vec<Range<usize>> {
+    let mut runs: Vec<Range<usize>> = Vec::new();
+    for (k, &place) in places.iter().enumerate() {
+        match runs.last_mut() {
+            Some(run) if places[k - 1] + 1 == place => run.end = k + 1,
+            _ => runs.push(k..k + 1),
+        }
+    }
+    runs
 }

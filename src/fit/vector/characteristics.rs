@@ -13,6 +13,7 @@ use rstar::primitives::GeomWithData;
 use crate::fit::collocation::gauss;
 use crate::fit::surfels::{Surfel, Surfels};
 use crate::geometry::{Vec2, turned};
+use crate::sparse::Team;
 use crate::spline::Lattice;
 
 /// Collocation points along a cell's side, in its local coordinates.
@@ -66,20 +67,20 @@ struct Foot {
 
 impl Characteristics {
     /// `cells` marks the cells in which directions are asked for, x fastest.
-    pub fn trace(lattice: &Lattice, surfels: &Surfels, cells: &[bool]) -> Self {
+    pub fn trace(lattice: &Lattice, surfels: &Surfels, cells: &[bool], team: &Team) -> Self {
         let anchors = surfels.all.iter().enumerate().map(|(k, s)| GeomWithData::new(s.anchor.into(), k)).collect();
         let tree: RTree<GeomWithData<[f64; 2], usize>> = RTree::bulk_load(anchors);
         let [nx, ny] = lattice.cells;
         // The collocation points as one grid, 2 nx x 2 ny.
         let (width, along) = (2 * nx, collocation());
-        let feet: Vec<Option<Foot>> = (0..width * 2 * ny)
-            .map(|k| {
-                let cell = [k % width / 2, k / width / 2];
-                let local = [along[k % width % 2], along[k / width % 2]];
-                cells[lattice.cell_index(cell)]
-                    .then(|| foot(lattice.point(cell, local), surfels, &tree, lattice.resolution))?
-            })
-            .collect();
+        let foot_of = |k: usize| {
+            let cell = [k % width / 2, k / width / 2];
+            let local = [along[k % width % 2], along[k / width % 2]];
+            cells[lattice.cell_index(cell)]
+                .then(|| foot(lattice.point(cell, local), surfels, &tree, lattice.resolution))?
+        };
+        let row = |j: usize| (j * width..(j + 1) * width).map(foot_of).collect::<Vec<_>>();
+        let feet: Vec<Option<Foot>> = team.each((0..2 * ny).collect(), row).into_iter().flatten().collect();
         let smooth = |k: usize, own: &Foot| {
             let (i, j) = ((k % width) as isize, (k / width) as isize);
             (-WINDOW..=WINDOW).flat_map(|dj| (-WINDOW..=WINDOW).map(move |di| (i + di, j + dj))).all(|(i, j)| {
@@ -160,7 +161,7 @@ mod tests {
     fn a_corridor_is_crossed_straight_and_its_middle_left_out() {
         let (_, surfels) = corridor(&[]);
         let lattice = Lattice::covering(&Bounds { min: [2.0, 0.0], max: [6.0, 2.0] }, 0.25, 10_000).unwrap();
-        let traced = Characteristics::trace(&lattice, &surfels, &vec![true; lattice.cell_count()]);
+        let traced = Characteristics::trace(&lattice, &surfels, &vec![true; lattice.cell_count()], &Team::default());
         let mut straight = 0;
         for (i, j) in (0..lattice.cells[0]).flat_map(|i| (0..lattice.cells[1]).map(move |j| (i, j))) {
             let y = lattice.point([i, j], [0.5, collocation()[0]]).y;

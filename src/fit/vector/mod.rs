@@ -36,7 +36,7 @@ use super::viewpoint::{Viewpoint, corrected, information, range_sigma, returns_i
 use super::{End, FitError, Job, Observer, Progress, in_use, why_not};
 use crate::geometry::Pose;
 use crate::scan::{LaserScan, Noise, Return};
-use crate::sparse::{Cholesky, Stencil};
+use crate::sparse::{Cholesky, Pattern, Stencil, Team};
 use crate::spline::Lattice;
 
 /// Control points are in use where evidence is at most this many cells away, unless the request has a band.
@@ -77,7 +77,9 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
     let band = options.band.unwrap_or(default_band);
     let near = evidence.cells_within(lattice, band.min(default_band));
     let stencil = Stencil::of_cells(lattice, &evidence.cells_within(lattice, band));
-    let place = Place { scans, lattice, viewpoints: &viewpoints, weights: &weights, near: &near, stencil: &stencil };
+    let team = job.team;
+    let place =
+        Place { scans, lattice, viewpoints: &viewpoints, weights: &weights, near: &near, stencil: &stencil, team };
     let mut cholesky = job.cholesky(&stencil)?;
 
     let (mut gathered, mut z) = match job.end {
@@ -85,7 +87,7 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
         None => place.rounds(&mut returns, options, &mut cholesky, observer)?,
     };
     let (objective, minimum) = match job.end {
-        Some(_) => place.assembled(&mut gathered, &z)?,
+        Some(_) => place.assembled(&mut gathered, &z, cholesky.pattern())?,
         None => place.settled(&mut gathered, &mut z, options, &mut cholesky, observer)?,
     };
     let e = z.split_off(2 * lattice.len());
@@ -134,6 +136,7 @@ struct Place<'a> {
     /// The cells near evidence: there alone the field's course is asked for; beyond, it continues smoothly.
     near: &'a [bool],
     stencil: &'a Arc<Stencil>,
+    team: &'a Team,
 }
 
 /// Surfels gathered around one set of poses.
@@ -164,18 +167,18 @@ impl Place<'_> {
         let stands = standing::standing(&surfels, scans, &self.poses(e), lattice.resolution, go_on);
         let stands = stands.ok_or(FitError::Cancelled)?;
         let kept = surfels.keep(&stands);
-        let traced = Characteristics::trace(lattice, &surfels, near);
+        let traced = Characteristics::trace(lattice, &surfels, near, self.team);
         Ok(Gathered { e: e.to_vec(), surfels, traced, seen_through: 1.0 - kept, round: 1 })
     }
 
     /// The objective of gathered surfels, linear around the pose unknowns `e`.
-    fn objective(&self, gathered: &Gathered, e: &[f64]) -> Result<VectorObjective, FitError> {
+    fn objective(&self, gathered: &Gathered, e: &[f64], before: &Arc<Pattern>) -> Result<VectorObjective, FitError> {
         let gauge = match self.refined() {
             true => Motions::of(self.viewpoints),
             false => Motions::none(e.len()),
         };
-        let Gathered { surfels, traced, .. } = gathered;
-        Ok(VectorObjective::assemble(self.lattice, self.stencil, surfels, traced, self.weights, (e, gauge))?)
+        let (&Self { lattice, stencil, weights, .. }, Gathered { surfels, traced, .. }) = (self, gathered);
+        Ok(VectorObjective::assemble(lattice, stencil, surfels, traced, weights, (e, gauge), before)?)
     }
 
     /// Gathers surfels and minimises until poses change little; the last surfels, and the unknowns.
@@ -194,7 +197,7 @@ impl Place<'_> {
             let mut gathered = self.gather(returns, &e, &mut || observer(&progress).is_continue())?;
             gathered.round = progress.iteration + 1;
             observe(observer, &progress)?;
-            let objective = self.objective(&gathered, &e)?;
+            let objective = self.objective(&gathered, &e, cholesky.pattern())?;
             let factor = Factor::factorise(&objective.system, cholesky)?;
             let downhill: Vec<f64> = objective.system.gradient.iter().map(|slope| -slope).collect();
             let mut z = factor.solve_checked(&objective.system, cholesky, &downhill)?;
@@ -213,10 +216,15 @@ impl Place<'_> {
     }
 
     /// The objective linear around the poses as they are, and how well the unknowns minimise it.
-    fn assembled(&self, gathered: &mut Gathered, z: &[f64]) -> Result<(VectorObjective, Minimum), FitError> {
+    fn assembled(
+        &self,
+        gathered: &mut Gathered,
+        z: &[f64],
+        before: &Arc<Pattern>,
+    ) -> Result<(VectorObjective, Minimum), FitError> {
         let e = &z[2 * self.lattice.len()..];
         gathered.surfels.reproject(&self.poses(&gathered.e), &self.poses(e), self.viewpoints);
-        let objective = self.objective(gathered, e)?;
+        let objective = self.objective(gathered, e, before)?;
         let minimum = objective.minimum(z);
         Ok((objective, minimum))
     }
@@ -233,7 +241,7 @@ impl Place<'_> {
     ) -> Result<(VectorObjective, Minimum), FitError> {
         let (mut factor, mut steps) = (None, 0);
         loop {
-            let (objective, minimum) = self.assembled(gathered, z)?;
+            let (objective, minimum) = self.assembled(gathered, z, cholesky.pattern())?;
             let factorisations = gathered.round + usize::from(factor.is_some());
             let minimum = Minimum { iterations: gathered.round + steps, factorisations, ..minimum };
             let progress = Progress { iteration: steps, max_iterations: MOST_STEPS, ..Progress::NONE };
@@ -323,7 +331,6 @@ pub(super) mod tests {
     use crate::geometry::Vec2;
     use crate::scan::returns_of;
     use crate::sim::{Lidar, World, simulate};
-    use crate::sparse::Team;
 
     /// A corridor along x, 2 m wide, seen from eight places. People are in the way of one scan each.
     pub(in crate::fit) fn corridor(people: &[Vec2]) -> (Vec<LaserScan>, Surfels) {

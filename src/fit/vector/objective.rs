@@ -31,7 +31,7 @@ pub struct VectorObjective {
 
 impl VectorObjective {
     /// Assembles the objective of the active cells. `e` are the pose unknowns for which the surfels were gathered. Poses
-    /// that are not refined are held.
+    /// that are not refined are held. `before` is the last pattern there was; where it has room, it stays.
     pub fn assemble(
         lattice: &Lattice,
         stencil: &Arc<Stencil>,
@@ -39,10 +39,11 @@ impl VectorObjective {
         characteristics: &Characteristics,
         weights: &Weights,
         (e, gauge): (&[f64], Motions),
+        before: &Arc<Pattern>,
     ) -> Result<Self, SparseError> {
         let views = views(lattice, stencil, surfels, e.len() / 3);
         views.check_size(2)?;
-        let pattern = Pattern::new(stencil.clone(), 2, views);
+        let pattern = before.with_room_for(stencil, 2, views);
         let free = match weights.poses {
             Poses::Refined => pattern.dimension(),
             Poses::Fixed => pattern.coefficients(),
