@@ -45,6 +45,9 @@ fn files_of(room: &str) -> Vec<PathBuf> {
     rust_files(if file.is_file() { &file } else { Box::leak(source.join(room).into_boxed_path()) })
 }
 
+/// The one file of theirs that may start threads.
+const TEAM: &str = "sparse/team.rs";
+
 /// A file's code: without comments, and without the tests at its end, which may use anything.
 fn code(file: &Path) -> String {
     let text = std::fs::read_to_string(file).unwrap();
@@ -77,7 +80,8 @@ fn the_pure_rooms_know_no_runtime_database_or_file() {
     let mut faults = Vec::new();
     for room in &ROOMS[..PURE] {
         for file in files_of(room) {
-            for name in IMPURE.iter().filter(|name| code(&file).contains(*name)) {
+            let may = |name: &str| name == "std::thread" && file.ends_with(TEAM);
+            for name in IMPURE.iter().filter(|name| code(&file).contains(*name) && !may(name)) {
                 faults.push(format!("{} uses {name}", file.display()));
             }
         }

@@ -76,7 +76,7 @@ pub struct House {
     /// Solver threads; 0 serves only. One a core by default.
     #[arg(long, env = "MAPFIT_WORKERS")]
     pub workers: Option<usize>,
-    /// Control points a map may have.
+    /// Control points in use that one fit may have. A larger map is fitted in parts, unless its `map.tiling` is `none`.
     #[arg(long, env = "MAPFIT_MAX_CONTROL_POINTS", default_value_t = Limits::default().control_points)]
     pub max_control_points: usize,
     /// Megabytes that fits may hold together; half of the machine's or the container's by default. A fit that needs more

@@ -211,10 +211,10 @@ mod tests {
 
     #[test]
     fn branches_are_anyones_and_the_bytes_the_same() {
-        let size: [usize; 2] = [61, 40];
+        let size: [usize; 2] = [41, 30];
         // Poses that see a place each, one that sees all, and a crowd in a corner.
-        let near = |pose: usize| (0..size[0] * size[1]).filter(move |&p| (p % 61).abs_diff(7 * pose) <= 5);
-        let corner = |p: &usize| p % 61 < 8 && p / 61 < 8;
+        let near = |pose: usize| (0..size[0] * size[1]).filter(move |&p| (p % 41).abs_diff(5 * pose) <= 5);
+        let corner = |p: &usize| p % 41 < 8 && p / 41 < 8;
         let everywhere = (0..size[0] * size[1]).map(|p| (8, p));
         let crowd = (9..60).flat_map(|pose| (0..size[0] * size[1]).filter(corner).map(move |p| (pose, p)));
         let views = (0..8).flat_map(|pose| near(pose).map(move |p| (pose, p))).chain(everywhere).chain(crowd);
@@ -224,7 +224,8 @@ mod tests {
         let all = [1, 2, 3].map(|threads| {
             let team = Team::of(std::num::NonZero::new(threads).unwrap());
             let mut cholesky = Cholesky::analyse(&pattern).unwrap().with_team(team);
-            assert!(cholesky.supernodes().unwrap().0.tree.branches().len() > 8);
+            let branches = cholesky.supernodes().unwrap().0.tree.branches().len();
+            assert!(branches > 5, "{branches} of {:?}", pattern.branches());
             cholesky.factorise(&h).unwrap();
             let mut x: Vec<f64> = (0..pattern.dimension()).map(|k| (k as f64).cos()).collect();
             cholesky.solve(&mut x);
