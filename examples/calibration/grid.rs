@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 
 use mapfit::fit::{Distance, FitOptions, fit};
+use mapfit::sparse::Team;
 use mapfit::spline::Lattice;
 
 use super::cases::Case;
@@ -39,9 +40,10 @@ pub fn line(case: &Case, truth: &Truth, options: &FitOptions, replicates: u64, t
     let drawn = in_parallel(replicates, threads, |seed| {
         let lattice = Lattice::covering(&scenario.bounds, scenario.resolution, 1_000_000).expect("a lattice");
         let scans = scenario.scans(1000 + seed);
-        let fitted =
-            fit(&scans, &scenario.noise, Distance::Signed, &lattice, options, &mut |_| ControlFlow::Continue(()))
-                .expect("a fit");
+        let fitted = fit(&scans, &scenario.noise, Distance::Signed, &lattice, options, &Team::default(), &mut |_| {
+            ControlFlow::Continue(())
+        })
+        .expect("a fit");
         let distance = |p| fitted.surfaces[0].jet(p).map_or(f64::NAN, |jet| jet.value);
         let wall = rms(truth.boundary.iter().map(|&p| distance(p)));
         let inside = rms(truth.inside.iter().map(|&(p, exact)| distance(p) - exact));

@@ -175,11 +175,14 @@ impl Cholesky {
         Ok(())
     }
 
-    /// The factor's supernodes, and the step at which each unknown is eliminated.
-    pub(super) fn supernodes(&self) -> Result<(Shape<'_>, SupernodalLltRef<'_, usize, f64>, &[usize]), SparseError> {
-        let shape = self.shape()?;
-        let inverse = self.symbolic.perm().map_or(&[][..], |perm| perm.arrays().1);
-        Ok((shape, SupernodalLltRef::new(shape.symbolic, &self.values), inverse))
+    /// The factor's supernodes.
+    pub(super) fn supernodes<'a>(&'a self, shape: Shape<'a>) -> SupernodalLltRef<'a, usize, f64> {
+        SupernodalLltRef::new(shape.symbolic, &self.values)
+    }
+
+    /// The step at which each unknown is eliminated.
+    pub(super) fn steps(&self) -> &[usize] {
+        self.symbolic.perm().map_or(&[], |perm| perm.arrays().1)
     }
 
     /// Where the pattern's entries lie among the factor's, in their order.
@@ -187,7 +190,8 @@ impl Cholesky {
         &self.addresses
     }
 
-    fn shape(&self) -> Result<Shape<'_>, SparseError> {
+    /// Where its entries lie.
+    pub(super) fn shape(&self) -> Result<Shape<'_>, SparseError> {
         let symbolic = self.supernodal().ok_or_else(|| SparseError::Setup("the factor has no supernodes".into()))?;
         Ok(Shape { symbolic, tree: &self.tree })
     }

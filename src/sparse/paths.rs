@@ -60,7 +60,7 @@ impl Paths {
 
     /// Bytes that these forms hold while they are formed.
     pub fn forming_bytes<C: AsRef<[(usize, f64)]>>(&self, columns: &[C]) -> Result<usize, SparseError> {
-        let (shape, _, inverse) = self.cholesky.supernodes()?;
+        let (shape, inverse) = (self.cholesky.shape()?, self.cholesky.steps());
         let entries: Vec<Entry> = columns.iter().enumerate().flat_map(|(k, own)| entries(k, own, inverse)).collect();
         Ok(bytes(Walk::of(shape, &entries).rows, columns.len()))
     }
@@ -73,7 +73,8 @@ impl Paths {
         of: Of,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Mat<f64>, SparseError> {
-        let (shape, factor, inverse) = self.cholesky.supernodes()?;
+        let (shape, inverse) = (self.cholesky.shape()?, self.cholesky.steps());
+        let factor = self.cholesky.supernodes(shape);
         let first = |column: &C| column.as_ref().iter().map(|(unknown, _)| inverse[*unknown]).min();
         let mut order: Vec<usize> = (0..columns.len()).collect();
         order.sort_by_key(|&k| first(&columns[k]));

@@ -37,7 +37,8 @@ use super::walk::{Front, down, up};
 
 /// The entries of `H^-1` on the pattern, `H` being the matrix last factorised.
 pub fn selected_inverse(cholesky: &Cholesky, go_on: &dyn Fn(f64) -> bool) -> Result<SystemMatrix, SparseError> {
-    let (shape, factor, _) = cholesky.supernodes()?;
+    let shape = cholesky.shape()?;
+    let factor = cholesky.supernodes(shape);
     let mut z = vec![0.0; shape.symbolic.len_val()];
     down(shape, [&mut z], cholesky.team(), go_on, |s, [z22], [own], team| {
         let pivot = Pivot::of(factor, s, team);
@@ -54,7 +55,8 @@ pub fn selected_sandwich(
     g: &SystemMatrix,
     go_on: &dyn Fn(f64) -> bool,
 ) -> Result<(SystemMatrix, SystemMatrix), SparseError> {
-    let (shape, factor, _) = cholesky.supernodes()?;
+    let shape = cholesky.shape()?;
+    let factor = cholesky.supernodes(shape);
     let eliminated = eliminate_derivative(cholesky, g, &|share| go_on(SHARE_OF_ELIMINATION * share))?;
     let rest = |share| go_on(SHARE_OF_ELIMINATION + (1.0 - SHARE_OF_ELIMINATION) * share);
     let length = shape.symbolic.len_val();
@@ -115,12 +117,13 @@ pub(super) fn eliminate_derivative(
     g: &SystemMatrix,
     go_on: &dyn Fn(f64) -> bool,
 ) -> Result<Vec<f64>, SparseError> {
-    let (shape, factor, inverse) = cholesky.supernodes()?;
+    let shape = cholesky.shape()?;
+    let (factor, steps) = (cholesky.supernodes(shape), cholesky.steps());
     let mut values = vec![0.0; shape.symbolic.len_val()];
     let sources = g.pattern().entries().map(|(_, _, source)| source);
     cholesky.addresses().iter().zip(sources).for_each(|(at, source)| values[*at as usize] = g.values()[source]);
     for (row, column, value) in g.pair_entries() {
-        values[shape.address(inverse[row], inverse[column])] = value;
+        values[shape.address(steps[row], steps[column])] = value;
     }
     up(shape, &mut values, cholesky.team(), go_on, |front| {
         differentiate(shape, factor, front);
@@ -224,7 +227,7 @@ mod tests {
         let all = [1, 2, 3].map(|threads| {
             let team = Team::of(std::num::NonZero::new(threads).unwrap());
             let mut cholesky = Cholesky::analyse(&pattern).unwrap().with_team(team);
-            let branches = cholesky.supernodes().unwrap().0.tree.branches().len();
+            let branches = cholesky.shape().unwrap().tree.branches().len();
             assert!(branches > 5, "{branches} of {:?}", pattern.branches());
             cholesky.factorise(&h).unwrap();
             let mut x: Vec<f64> = (0..pattern.dimension()).map(|k| (k as f64).cos()).collect();
