@@ -111,7 +111,7 @@ impl Team {
     }
 
     /// The same, for long work: while the team is at it, the caller's thread watches, and `pace` is asked whether to go on.
-    /// Items ask their [`Pace`] in turn.
+    /// Items ask their [`Pace`] in turn; one that fails stops the others.
     pub(super) fn each_at_pace<T: Send, R: Send>(
         &self,
         items: Vec<T>,
@@ -132,7 +132,7 @@ impl Team {
         };
         let work = |item| {
             tell(|parts| parts.running += 1);
-            let outcome = work(item);
+            let outcome = pace.goes_on().and_then(|()| work(item)).inspect_err(|_| pace.stop());
             tell(|parts| (parts.running, parts.done) = (parts.running - 1, parts.done + 1));
             outcome
         };
@@ -148,7 +148,7 @@ impl Team {
                 let _ = pace.ask(go_on);
                 std::thread::park_timeout(LOOK);
             }
-            joined(busy).into_iter().collect()
+            all_or_why_not(joined(busy))
         })
     }
 
@@ -156,6 +156,15 @@ impl Team {
         let lender = self.lender.as_deref().filter(|_| items > 1)?;
         let count = lender.lend(items - 1);
         (count > 0).then_some(Loan { lender, count })
+    }
+}
+
+/// All results, or why there are none: the failure that stopped the others, not that they were stopped.
+fn all_or_why_not<R>(results: Vec<Result<R, SparseError>>) -> Result<Vec<R>, SparseError> {
+    let errors = results.iter().filter_map(|result| result.as_ref().err());
+    match errors.into_iter().find(|error| **error != SparseError::Stopped) {
+        Some(error) => Err(error.clone()),
+        None => results.into_iter().collect(),
     }
 }
 
@@ -194,9 +203,13 @@ impl Pace {
         let done = self.done.load(Ordering::Relaxed);
         self.told.store(done, Ordering::Relaxed);
         if !go_on(done as f64 / self.whole.max(1.0)) {
-            self.stopped.store(true, Ordering::Relaxed);
+            self.stop();
         }
         self.goes_on()
+    }
+
+    fn stop(&self) {
+        self.stopped.store(true, Ordering::Relaxed);
     }
 
     /// Asks where enough was done since it last did.
@@ -240,6 +253,19 @@ mod tests {
                 pace.step(1.0)
             });
             assert_eq!(outcome, Err(SparseError::Stopped));
+        }
+    }
+
+    #[test]
+    fn one_that_fails_stops_the_others_and_says_why() {
+        for count in [1, 3] {
+            let pace = Pace::of(1e6);
+            let outcome = threads(count).each_at_pace((0..1000).collect(), &pace, &|_| true, |k: usize| {
+                std::thread::sleep(Duration::from_millis(1));
+                if k == 2 { Err(SparseError::NotPositiveDefinite) } else { pace.step(1.0) }
+            });
+            assert_eq!(outcome, Err(SparseError::NotPositiveDefinite));
+            assert!(pace.done.load(Ordering::Relaxed) < 20);
         }
     }
 

@@ -134,7 +134,7 @@ pub(super) fn down<const K: usize>(
         pace.ask_at_times(go_on)?;
     }
     let cuts = values.map(|own| Cut::of(shape, own));
-    let mut branches = shape.tree.branches().to_vec().into_iter().map(|range| (range, Vec::new())).collect::<Vec<_>>();
+    let mut branches = shape.tree.branches().iter().map(|range| (range.clone(), Vec::new())).collect::<Vec<_>>();
     let mut top: Vec<Vec<&[f64]>> = Vec::new();
     for cut in cuts {
         branches.iter_mut().zip(cut.branches).for_each(|((_, own), values)| own.push(values));
