@@ -140,6 +140,17 @@ whose shifts begin together by the minute need more, those that scatter their fi
 4. **Connections.** A robot that waits holds one: `--connections` (8,192) a server, so two servers at 10,000.
 5. **Disk.** {10_000 * 16:,} maps a day of about 1 kB a control point ({statistics.mean(job['control_points'] for job in jobs):,.0f} here) are {10_000 * 16 * statistics.mean(job['control_points'] for job in jobs) * 1e3 / 1e12:.1f} TB: `--keep-maps`.
 
+## Maps larger than one fit
+
+A map with more control points in use than `--max-control-points` is fitted in parts: branches of the elimination tree, each of which is
+eliminated, and later inverted, without the rest. Solvers of the same process that wait for work take part, pass by pass; one that claims a job of
+its own is called back at the end of the pass. `parts` of the job says how many there are and how far the pass is. The map is the same to the last
+bit as an undivided one, whoever helped (`tests/parts.rs`).
+
+What this does not do: parts are not sent to other machines, and the factor as a whole stays in the memory of the process that fits. So what
+bounds a map is `--memory` (about 35 kB a control point in use of a vector map, 5 kB more for every doubling beyond 7,000, which `?dry_run=true`
+tells), and what two cores gain is a factor of 1.5 ([performance](performance.md)).
+
 ## How far the simulation can be trusted
 
 `tests/queue_model.rs` holds it against Erlang's formula (M/M/1, M/M/4; within 5 %), against the stores' rule, and against the service: a stream of 160 jobs of four tenants, with a burst and urgent ones, goes through a real
