@@ -229,6 +229,7 @@ mod tests {
             let mut cholesky = Cholesky::analyse(&pattern).unwrap().with_team(team);
             let branches = cholesky.shape().unwrap().tree.branches().len();
             assert!(branches > 5, "{branches} of {:?}", pattern.branches());
+            assert!(cholesky.shape().unwrap().whole_work() > 5e7, "too small to be shared");
             cholesky.factorise(&h).unwrap();
             let mut x: Vec<f64> = (0..pattern.dimension()).map(|k| (k as f64).cos()).collect();
             cholesky.solve(&mut x);

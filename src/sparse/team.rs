@@ -14,6 +14,8 @@ use super::error::SparseError;
 
 /// How often a team that works is told from outside whether to go on.
 const LOOK: Duration = Duration::from_millis(20);
+/// What takes fewer multiply-adds is done almost before a thread has been started.
+const SMALL: f64 = 1e7;
 /// Work between two questions whether to go on, in multiply-adds.
 const BREATH: u64 = 100_000_000;
 
@@ -119,9 +121,6 @@ impl Team {
         go_on: &dyn Fn(f64) -> bool,
         work: impl Fn(T) -> Result<R, SparseError> + Sync,
     ) -> Result<Vec<R>, SparseError> {
-        let loan = self.borrow(items.len());
-        let crew = Self::threads(loan.as_ref().map_or(1, |loan| loan.count + 1));
-        let watcher = std::thread::current();
         let parts = Mutex::new(Parts { total: items.len(), ..Parts::default() });
         let tell = |change: fn(&mut Parts)| {
             if let Some(lender) = &self.lender {
@@ -136,14 +135,20 @@ impl Team {
             tell(|parts| (parts.running, parts.done) = (parts.running - 1, parts.done + 1));
             outcome
         };
-        let work = &work;
+        if pace.whole < SMALL {
+            pace.ask(go_on)?;
+            return all_or_why_not(items.into_iter().map(work).collect());
+        }
+        let loan = self.borrow(items.len());
+        let crew = Self::threads(loan.as_ref().map_or(1, |loan| loan.count + 1));
+        let (ended, watcher, work) = (AtomicBool::new(false), std::thread::current(), &work);
         std::thread::scope(|scope| {
+            let end = End { ended: &ended, watcher };
             let busy = scope.spawn(move || {
-                let done = crew.each(items, work);
-                watcher.unpark();
-                done
+                let _told_even_by_a_panic = end;
+                crew.each(items, work)
             });
-            while !busy.is_finished() {
+            while !ended.load(Ordering::Acquire) {
                 // Told to stop, the items end by themselves.
                 let _ = pace.ask(go_on);
                 std::thread::park_timeout(LOOK);
@@ -156,6 +161,19 @@ impl Team {
         let lender = self.lender.as_deref().filter(|_| items > 1)?;
         let count = lender.lend(items - 1);
         (count > 0).then_some(Loan { lender, count })
+    }
+}
+
+/// Wakes whoever watches, once work has ended.
+struct End<'a> {
+    ended: &'a AtomicBool,
+    watcher: std::thread::Thread,
+}
+
+impl Drop for End<'_> {
+    fn drop(&mut self) {
+        self.ended.store(true, Ordering::Release);
+        self.watcher.unpark();
     }
 }
 
@@ -240,9 +258,18 @@ mod tests {
     }
 
     #[test]
+    fn who_watches_is_woken_when_the_work_is_done() {
+        let begun = std::time::Instant::now();
+        for _ in 0..200 {
+            threads(2).each_at_pace(vec![1, 2], &Pace::of(1e9), &|_| true, Ok).unwrap();
+        }
+        assert!(begun.elapsed() < 100 * LOOK, "{:?}", begun.elapsed());
+    }
+
+    #[test]
     fn a_team_told_to_stop_stops_however_many_work() {
         for count in [1, 3] {
-            let pace = Pace::of(1e6);
+            let pace = Pace::of(1e9);
             let told = std::cell::Cell::new(0);
             let go_on = |_: f64| {
                 told.set(told.get() + 1);
@@ -259,7 +286,7 @@ mod tests {
     #[test]
     fn one_that_fails_stops_the_others_and_says_why() {
         for count in [1, 3] {
-            let pace = Pace::of(1e6);
+            let pace = Pace::of(1e9);
             let outcome = threads(count).each_at_pace((0..1000).collect(), &pace, &|_| true, |k: usize| {
                 std::thread::sleep(Duration::from_millis(1));
                 if k == 2 { Err(SparseError::NotPositiveDefinite) } else { pace.step(1.0) }
