@@ -191,7 +191,7 @@ fn schemathesis_finds_the_document_true() {
     let data = tempfile::tempdir().unwrap();
     // Its jobs are all sizes that the document allows; large ones would keep those who wait for small ones. What is too
     // large for one fit is too large for this memory, in parts or not.
-    let server = Server::start_with(data.path(), 1, &["--max-control-points", "60000", "--memory", "800"]);
+    let server = Server::start_with(data.path(), 1, &["--max-control-points", "30000", "--memory", "400"]);
     let keys = ["keys", "create", "--scopes", "read,submit,admin", "--json", "--data", data.path().to_str().unwrap()];
     let made = std::process::Command::new(env!("CARGO_BIN_EXE_mapfit")).args(keys).output().unwrap();
     let key: serde_json::Value = serde_json::from_slice(&made.stdout).unwrap();

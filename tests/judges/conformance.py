@@ -104,7 +104,7 @@ def before_call(context, case, kwargs):
         return
     match case.operation.path.split("/")[2]:
         case "jobs":
-            case.path_parameters["id"] = ask("/v1/jobs", job(0.02, 720))["id"]
+            case.path_parameters["id"] = ask("/v1/jobs", job(0.03, 720))["id"]
         case "maps":
             case.path_parameters["id"] = fitted()[1]
         case "webhooks":
