@@ -149,7 +149,7 @@ bit as an undivided one, whoever helped (`tests/parts.rs`).
 
 What this does not do: parts are not sent to other machines, and the factor as a whole stays in the memory of the process that fits. So what
 bounds a map is `--memory` (about 35 kB a control point in use of a vector map, 5 kB more for every doubling beyond 7,000, which `?dry_run=true`
-tells), and what two cores gain is a factor of 1.5 ([performance](performance.md)).
+tells), and what two cores gain is a factor of 1.3 to 1.8 ([performance](performance.md)).
 
 ## How far the simulation can be trusted
 
