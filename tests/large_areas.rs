@@ -2,6 +2,7 @@
 
 mod support;
 
+use mapfit::jobs::{JobRequest, Limits, RequestError};
 use serde_json::{Value, json};
 use support::{Server, small};
 
@@ -58,4 +59,18 @@ fn where_no_parts_are_wanted_too_much_is_refused_with_a_resolution_that_fits() {
     let finest = detail.split("; ").last().unwrap().trim_end_matches(" fits");
     job["map"]["resolution"] = json!(finest.parse::<f64>().unwrap());
     assert_eq!(server.post("/v1/jobs", &job).status, 202, "{detail}");
+}
+
+#[test]
+fn parts_have_a_limit_too() {
+    let mut job = small(1);
+    job["map"] = json!({"distance": "vdf", "resolution": 0.1});
+    let read = |in_parts: usize| {
+        let limits = Limits { control_points: 300, in_parts, ..Limits::default() };
+        JobRequest::parse(job.to_string().as_bytes(), &limits)
+    };
+    assert!(read(1_000_000).unwrap().parts > Some(1));
+    let Err(RequestError::Faults(faults)) = read(900) else { panic!("more than 900 are in use") };
+    assert_eq!(faults[0].pointer, "/map/resolution");
+    assert!(faults[0].detail.contains("the limit is 900"), "{}", faults[0].detail);
 }

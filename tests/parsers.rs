@@ -9,7 +9,8 @@ use mapfit::map::FittedMap;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
-const LIMITS: Limits = Limits { control_points: 20_000, lattice: 40_000, scans: 50, beams_a_scan: 200, values: 10_000 };
+const LIMITS: Limits =
+    Limits { control_points: 20_000, in_parts: 40_000, lattice: 40_000, scans: 50, beams_a_scan: 200, values: 10_000 };
 
 fn job() -> Value {
     let pose = json!({"x": 1.0, "y": 1.0, "theta": 0.5});

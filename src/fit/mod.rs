@@ -137,7 +137,17 @@ impl Job<'_> {
     }
 }
 
-/// Fits a distance; the same bytes whoever is in the team. The observer is called at every step; `Break` cancels the fit within that step.
+#[cfg(test)]
+impl<'a> Job<'a> {
+    /// A fit from the start, by one thread.
+    fn alone(scans: &'a [LaserScan], noise: &'a Noise, lattice: &'a Lattice, options: &'a FitOptions) -> Self {
+        static ALONE: Team = Team::alone();
+        Self { scans, noise, lattice, options, team: &ALONE, end: None }
+    }
+}
+
+/// Fits a distance; the same bytes whoever is in the team. The observer is called at every step; `Break` cancels the fit
+/// within that step.
 pub fn fit(
     scans: &[LaserScan],
     noise: &Noise,

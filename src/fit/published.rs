@@ -366,7 +366,6 @@ mod tests {
     use super::*;
     use crate::geometry::Bounds;
     use crate::sim::Scenario;
-    use crate::sparse::Team;
 
     #[test]
     fn the_gradient_agrees_with_central_differences() {
@@ -375,14 +374,7 @@ mod tests {
         let lattice = Lattice::covering(&bounds, 0.25, 1_000).unwrap();
         let scans = scenario.scans(1);
         let options = FitOptions { weighting: Weighting::Paper, max_iterations: 1, ..Default::default() };
-        let job = Job {
-            scans: &scans,
-            noise: &scenario.noise,
-            lattice: &lattice,
-            options: &options,
-            team: &Team::default(),
-            end: None,
-        };
+        let job = Job::alone(&scans, &scenario.noise, &lattice, &options);
         let fit = fit(&job, &mut |_| std::ops::ControlFlow::Continue(())).unwrap();
         let returns = returns_inside(&scans, &lattice).unwrap();
         let trust = vec![1.5; returns.len()];

@@ -13,6 +13,8 @@ pub struct Fault {
 pub struct Limits {
     /// Control points in use, of one fit.
     pub control_points: usize,
+    /// Control points in use, of a map that is fitted in parts; memory is another limit.
+    pub in_parts: usize,
     /// Control points of a map's whole rectangle, in use or not.
     pub lattice: usize,
     pub scans: usize,
@@ -23,6 +25,13 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { control_points: 200_000, lattice: 1_000_000, scans: 20_000, beams_a_scan: 100_000, values: 10_000_000 }
+        Self {
+            control_points: 200_000,
+            in_parts: 1_000_000,
+            lattice: 1_000_000,
+            scans: 20_000,
+            beams_a_scan: 100_000,
+            values: 10_000_000,
+        }
     }
 }

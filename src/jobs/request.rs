@@ -16,6 +16,7 @@ use crate::fit::{self, Distance, Estimate, FitOptions, Footprint, Poses, Weighti
 use crate::geometry::{Bounds, Pose, Vec2};
 use crate::map::{self, Cost, FittedMap, Survey, SurveyError};
 use crate::scan::{LaserScan, Noise, returns_of};
+use crate::sparse::Team;
 use crate::spline::{Lattice, LatticeError};
 
 #[derive(Debug, Error)]
@@ -86,9 +87,9 @@ impl JobRequest {
         self.survey().resume(map)
     }
 
-    /// The fit that is asked for.
+    /// The fit that is asked for, by one thread unless others are named: a service has its own for others' requests.
     pub fn survey(&self) -> Survey<'_> {
-        let survey = Survey::new(&self.scans, self.noise).distance(self.distance);
+        let survey = Survey::new(&self.scans, self.noise).distance(self.distance).team(Team::default());
         survey.lattice(self.lattice.clone()).options(self.options)
     }
 
@@ -236,8 +237,11 @@ impl Reader<'_> {
         let used = fit::control_points(scans, *distance, lattice, options, limit);
         match request.tiling {
             _ if used.total() <= limit => Some(request),
-            Tiling::Auto => Some(JobRequest { parts: Some(used.branches()), ..request }),
-            Tiling::None => {
+            Tiling::Auto if used.total() <= self.limits.in_parts => {
+                Some(JobRequest { parts: Some(used.branches()), ..request })
+            }
+            tiling => {
+                let limit = if tiling == Tiling::Auto { self.limits.in_parts } else { limit };
                 let needed = format!("{} control points in use", used.total());
                 self.too_large(&lattice.bounds(), lattice.resolution, needed, limit)
             }

@@ -139,6 +139,11 @@ impl Cholesky {
         self.values.len()
     }
 
+    /// Bytes that the factor and the places of its pattern's entries hold.
+    pub(super) fn held_bytes(&self) -> usize {
+        8 * self.values.len() + 4 * self.addresses.len()
+    }
+
     /// `log det H` of the matrix last factorised.
     pub fn log_determinant(&self) -> f64 {
         2.0 * self.pivots().map(f64::ln).sum::<f64>()

@@ -3,9 +3,9 @@
 //! Two control points interact where they share a cell, so a Hessian couples points at most 3 apart: a 7 x 7 stencil on
 //! a grid, which [`StencilMatrix`] stores. A [`Pattern`] has one or two such components and the poses that see them, a
 //! [`SystemMatrix`] the values. [`dissection`] orders both so that the Cholesky factor stays sparse, [`Cholesky`]
-//! factorises and solves (supernode by supernode on that order, with faer's dense kernels), and [`selected_inverse`] gives the entries of the
-//! inverse on the pattern without ever forming the inverse; [`Paths`] those between any few unknowns. Branches of the
-//! elimination tree are shared by a [`Team`] of threads.
+//! factorises and solves (supernode by supernode on that order, with faer's dense kernels), and [`selected_inverse`] gives
+//! the entries of the inverse on the pattern without ever forming the inverse; [`Paths`] those between any few unknowns.
+//! Branches of the elimination tree are shared by a [`Team`] of threads.
 
 pub mod dissection;
 

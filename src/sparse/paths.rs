@@ -50,7 +50,7 @@ impl Paths {
 
     /// Bytes it holds in memory.
     pub fn held_bytes(&self) -> usize {
-        8 * (self.cholesky.fill() + self.derivative.len() + 4 * self.cholesky.dimension())
+        self.cholesky.held_bytes() + 8 * (self.derivative.len() + 4 * self.cholesky.dimension())
     }
 
     /// Bytes that forms of so many columns hold while they are formed, at most: as if their paths were all of the tree.

@@ -72,6 +72,11 @@ impl Drop for Loan<'_> {
 }
 
 impl Team {
+    /// The caller's thread alone.
+    pub const fn alone() -> Self {
+        Self { lender: None }
+    }
+
     /// Of so many threads, the caller's among them.
     pub fn of(threads: NonZero<usize>) -> Self {
         Self::threads(threads.get())

@@ -20,14 +20,7 @@ fn fitted(weighting: Weighting, seed: u64) -> Stand {
     let lattice = Lattice::covering(&scenario.bounds, 0.4, 100_000).unwrap();
     let options = FitOptions { weighting, max_iterations: 3, ..Default::default() };
     let scans = scenario.scans(seed);
-    let job = Job {
-        scans: &scans,
-        noise: &scenario.noise,
-        lattice: &lattice,
-        options: &options,
-        team: &crate::sparse::Team::default(),
-        end: None,
-    };
+    let job = Job::alone(&scans, &scenario.noise, &lattice, &options);
     let estimate = fit(&job, &mut |_| ControlFlow::Continue(())).unwrap();
     let mut unknowns = estimate.surfaces[0].coefficients.clone();
     unknowns.extend(&estimate.resume);

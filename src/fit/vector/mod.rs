@@ -362,14 +362,8 @@ pub(super) mod tests {
         let noise = Noise { sigma_x: 0.001, sigma_y: 0.001, sigma_theta: 1e-4, sigma_range: 0.005 };
         let bounds = crate::geometry::Bounds { min: [-0.5, -0.5], max: [8.5, 2.5] };
         let lattice = Lattice::covering(&bounds, 0.25, 10_000).unwrap();
-        let job = Job {
-            scans: &scans,
-            noise: &noise,
-            lattice: &lattice,
-            options: &FitOptions::default(),
-            team: &Team::default(),
-            end: None,
-        };
+        let options = FitOptions::default();
+        let job = Job::alone(&scans, &noise, &lattice, &options);
         let fit = fit(&job, &mut |_| ControlFlow::Continue(())).unwrap();
         assert!(fit.converged && fit.minimum.relative_gradient < 1e-10);
         for (x, y) in [(1.0, 0.0), (2.3, 0.4), (4.1, 0.6), (5.0, 2.0), (6.2, 1.5)] {

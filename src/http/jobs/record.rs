@@ -65,7 +65,11 @@ impl From<Job> for JobBody {
             name: job.name,
             labels: job.labels,
             status: job.status,
-            parts: job.progress.parts,
+            // The last heartbeat of an attempt that failed may have had some running.
+            parts: job.progress.parts.map(|own| match job.status {
+                JobStatus::Running => own,
+                _ => Parts { running: 0, ..own },
+            }),
             progress: Progress { parts: None, ..job.progress },
             message: job.message,
             created: timestamp(job.created),
