@@ -17,6 +17,7 @@ mod artifacts;
 mod backup;
 mod board;
 mod housekeeping;
+mod intake;
 mod keys;
 mod leases;
 mod places;

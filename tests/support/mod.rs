@@ -80,6 +80,9 @@ impl Server {
             .allow_non_standard_methods(true)
             .timeout_global(Some(Duration::from_secs(120)))
             .proxy(None)
+            // As a fleet's server has: as many kept as it has threads. (ureq's own three make most others connect anew.)
+            .max_idle_connections_per_host(64)
+            .max_idle_connections(64)
             .build();
         Self { child, url, agent: config.into() }
     }

@@ -4,6 +4,7 @@ pub mod body;
 pub mod cache;
 pub mod caller;
 pub mod compute;
+pub mod keyed;
 pub mod multipart;
 pub mod negotiate;
 pub mod page;

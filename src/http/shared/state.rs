@@ -1,12 +1,12 @@
 //! What every handler shares.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use super::cache::Cache;
 use super::caller::Caller;
 use super::compute::{Compute, Queue, too_slow};
+use super::keyed::Keyed;
 use super::problem::Problem;
 use super::rate::Rates;
 use super::ration::Ration;
@@ -30,8 +30,7 @@ pub struct Service {
     /// What its routes need, and how often a key may ask.
     pub rules: Rules,
     pub rates: Rates,
-    /// Whether there were keys when it was last looked: there is no way back.
-    keyed: AtomicBool,
+    keyed: Keyed,
     maps: Cache<FittedMap>,
     /// Held while a map is loaded, so that many who ask for one at once load it once.
     loading: tokio::sync::Mutex<()>,
@@ -88,7 +87,7 @@ impl Service {
         Self {
             rules: Rules::of(&document),
             rates: Rates::new(limits.requests_a_second),
-            keyed: AtomicBool::new(false),
+            keyed: Keyed::new(),
             workshop,
             document,
             limits,
@@ -104,10 +103,7 @@ impl Service {
 
     /// Whether nobody comes in without a key.
     pub async fn has_keys(&self) -> Result<bool, Problem> {
-        if !self.keyed.load(Ordering::Relaxed) && self.workshop.records.has_keys().await? {
-            self.keyed.store(true, Ordering::Relaxed);
-        }
-        Ok(self.keyed.load(Ordering::Relaxed))
+        Ok(self.keyed.has_keys(&*self.workshop.records).await?)
     }
 
     /// A job, 404 where there is none.

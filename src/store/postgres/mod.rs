@@ -7,6 +7,7 @@
 mod backup;
 mod board;
 mod housekeeping;
+mod intake;
 mod keys;
 mod leases;
 mod listed;
@@ -23,7 +24,9 @@ use sqlx::postgres::{PgConnectOptions, PgListener, PgPool, PgPoolOptions};
 use sqlx::{ConnectOptions, Connection, Postgres, Transaction};
 use tokio::sync::Notify;
 
+use self::intake::PostgresLedger;
 use super::StoreError;
+use super::intake::Intake;
 use super::schema::{self, migrator};
 
 /// Milliseconds since 1970 by the database's clock, once a statement: so that an index can be searched for it.
@@ -61,6 +64,7 @@ pub(super) const MIGRATIONS: [schema::File; 3] = [
 /// [`super::Records`] in a PostgreSQL database.
 pub struct PostgresStore {
     pool: PgPool,
+    intake: Arc<Intake<PostgresLedger>>,
 }
 
 impl PostgresStore {
@@ -73,7 +77,7 @@ impl PostgresStore {
         connection.close().await?;
         let pool = PgPoolOptions::new().max_connections(max_connections).acquire_timeout(Duration::from_secs(20));
         let pool = pool.connect_with(plain.options(SETTINGS)).await?;
-        Ok(Self { pool })
+        Ok(Self { intake: Intake::new(PostgresLedger::new(pool.clone())), pool })
     }
 
     /// Wakes one who waits whenever a job was accepted by any process, for as long as it is polled. What was notified while

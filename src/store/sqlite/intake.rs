@@ -1,121 +1,107 @@
-//! Submissions, committed together: whoever waits for the disk waits for it once.
-//!
-//! A commit ends when the disk has it, and takes as long for one row as for a hundred. So submissions that come while the
-//! writer is busy, most often with the commit before, are gathered and committed as one transaction (group commit: DeWitt
-//! et al., SIGMOD 1984); each is answered after that commit, not before. Whoever comes first begins a gathering, and does
-//! not wait for others: a submission that comes alone is committed alone, at once.
-//!
-//! A group is one transaction for its quotas and its idempotency keys, too: each of its submissions sees those before it.
-//! Where anything in it fails nothing of it is kept, and each is tried in a transaction of its own: one that cannot be kept
-//! fails by itself, with its own error.
+//! Groups of submissions on the one writer connection. A statement is a trip to the connection's thread and back, so there are as
+//! many of them for a group as for one job.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use async_trait::async_trait;
+use sqlx::sqlite::{SqlitePool, SqliteRow};
+use sqlx::{QueryBuilder, Sqlite, Transaction};
 
-use futures::future::join_all;
-use sqlx::sqlite::SqlitePool;
-use sqlx::{Sqlite, Transaction};
-use tokio::sync::oneshot;
-
-use super::board::enter;
+use super::now;
+use super::rows::{self, JOB};
+use crate::jobs::Job;
+use crate::store::intake::Ledger;
+use crate::store::intake::group::{Group, Held, Known};
 use crate::store::{NewJob, StoreError, Submission};
 
-/// Submissions in one transaction at most: others wait for the writer, too.
-const MOST: usize = 256;
+const KNOWN_KEYS: &str = "SELECT k.tenant, k.key, k.body, k.job_id FROM json_each(?) AS asked \
+                          CROSS JOIN idempotency_keys AS k ON k.tenant = asked.value ->> 0 AND k.key = asked.value ->> 1";
+const HELD: &str = "SELECT tenant, queued, bytes FROM holdings WHERE tenant IN (SELECT value FROM json_each(?))";
+const INSERT: &str = "INSERT INTO jobs (id, tenant, name, labels, status, progress, message, priority, retry_of, \
+                      traceparent, deadline, created, updated) ";
+const KEEP_REQUESTS: &str = "INSERT INTO requests (job_id, request) ";
+const KEEP_KEYS: &str = "INSERT INTO idempotency_keys (tenant, key, body, job_id) ";
 
-type Outcome = Result<Submission, StoreError>;
+type Transacted = Transaction<'static, Sqlite>;
 
-/// See the module.
-pub(super) struct Intake {
-    writer: SqlitePool,
-    waiting: Mutex<Vec<Waiting>>,
-}
+/// The writer, as submissions see it.
+pub(super) struct SqliteLedger(pub SqlitePool);
 
-struct Waiting {
-    job: NewJob,
-    tell: oneshot::Sender<Outcome>,
-}
+#[async_trait]
+impl Ledger for SqliteLedger {
+    type Turn = Transacted;
 
-impl Intake {
-    pub fn new(writer: SqlitePool) -> Arc<Self> {
-        Arc::new(Self { writer, waiting: Mutex::default() })
+    async fn turn(&self) -> Result<Transacted, StoreError> {
+        Ok(self.0.begin_with("BEGIN IMMEDIATE").await?)
     }
 
-    /// Resolves once the job is committed, or will not be.
-    pub async fn submit(self: &Arc<Self>, job: NewJob) -> Outcome {
-        let (tell, told) = oneshot::channel();
-        let is_first = {
-            let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
-            waiting.push(Waiting { job, tell });
-            waiting.len() == 1
-        };
-        if is_first {
-            // A task, so that a client that leaves takes nobody else's submission with it.
-            tokio::spawn(self.clone().gather());
-        }
-        told.await.unwrap_or_else(|_| Err(sqlx::Error::WorkerCrashed.into()))
-    }
-
-    /// Commits all who wait once the writer is free. Whoever comes after they were taken begins another gathering.
-    async fn gather(self: Arc<Self>) {
-        loop {
-            let begun = self.writer.begin_with("BEGIN IMMEDIATE").await;
-            let (group, is_last) = self.taken();
-            let kept = match begun {
-                Ok(tx) => together(tx, &group).await,
-                Err(error) => Err(error.into()),
-            };
-            match kept {
-                Ok(outcomes) => {
-                    for (one, outcome) in group.into_iter().zip(outcomes) {
-                        // Its client may have left: the job is accepted.
-                        let _ = one.tell.send(Ok(outcome));
-                    }
-                }
-                Err(error) => self.apart(group, error).await,
-            }
-            if is_last {
-                return;
-            }
-        }
-    }
-
-    /// Those who wait, and whether nobody is left behind. Who has left is not kept.
-    fn taken(&self) -> (Vec<Waiting>, bool) {
-        let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
-        let count = waiting.len().min(MOST);
-        let group = waiting.drain(..count).filter(|one| !one.tell.is_closed()).collect();
-        (group, waiting.is_empty())
-    }
-
-    /// Each by itself, after they failed together.
-    async fn apart(&self, mut group: Vec<Waiting>, error: StoreError) {
-        if group.len() == 1 {
-            if let Some(one) = group.pop() {
-                let _ = one.tell.send(Err(error));
-            }
-            return;
-        }
-        tracing::debug!(%error, count = group.len(), "submissions could not be committed together");
-        let alone = |one: Waiting| async move {
-            let outcome = self.alone(&one.job).await;
-            let _ = one.tell.send(outcome);
-        };
-        join_all(group.into_iter().map(alone)).await;
-    }
-
-    async fn alone(&self, job: &NewJob) -> Outcome {
-        let mut tx = self.writer.begin_with("BEGIN IMMEDIATE").await?;
-        let outcome = enter(&mut tx, job).await?;
+    async fn enter(&self, mut tx: Transacted, group: &[NewJob]) -> Result<Vec<Submission>, StoreError> {
+        let known = known(&mut tx, group).await?;
+        let held = held(&mut tx, group).await?;
+        let group = Group::of(group, &known, held);
+        let jobs = if group.has_new_jobs() { write(&mut tx, &group).await? } else { Vec::new() };
         tx.commit().await?;
-        Ok(outcome)
+        group.written(jobs)
     }
 }
 
-async fn together(mut tx: Transaction<'static, Sqlite>, group: &[Waiting]) -> Result<Vec<Submission>, StoreError> {
-    let mut outcomes = Vec::with_capacity(group.len());
-    for one in group {
-        outcomes.push(enter(&mut tx, &one.job).await?);
+async fn known(tx: &mut Transacted, group: &[NewJob]) -> Result<Known, StoreError> {
+    let asked = group.iter().filter_map(|new| Some([&new.tenant, &new.idempotency.as_ref()?.0]));
+    let asked: Vec<[&String; 2]> = asked.collect();
+    let mut known = Known::new();
+    if asked.is_empty() {
+        return Ok(known);
     }
-    tx.commit().await?;
-    Ok(outcomes)
+    let keys: Vec<(String, String, String, String)> =
+        sqlx::query_as(KNOWN_KEYS).bind(serde_json::to_string(&asked)?).fetch_all(&mut **tx).await?;
+    for (tenant, key, body, id) in keys {
+        let mut query = QueryBuilder::<Sqlite>::new("SELECT ");
+        query.push(JOB).push(" FROM jobs WHERE id = ").push_bind(id);
+        let job = rows::job(&query.build().fetch_one(&mut **tx).await?)?;
+        known.insert((tenant, key), (body, job));
+    }
+    Ok(known)
+}
+
+async fn held(tx: &mut Transacted, group: &[NewJob]) -> Result<Held, StoreError> {
+    let mut tenants: Vec<&String> = group.iter().filter(|new| new.quota.is_some()).map(|new| &new.tenant).collect();
+    tenants.sort_unstable();
+    tenants.dedup();
+    if tenants.is_empty() {
+        return Ok(Held::new());
+    }
+    let held: Vec<(String, i64, i64)> =
+        sqlx::query_as(HELD).bind(serde_json::to_string(&tenants)?).fetch_all(&mut **tx).await?;
+    Ok(held.into_iter().map(|(tenant, queued, bytes)| (tenant, (queued, bytes))).collect())
+}
+
+async fn write(tx: &mut Transacted, group: &Group<'_>) -> Result<Vec<Job>, StoreError> {
+    let mut rows = Vec::new();
+    for (id, new) in group.new_jobs() {
+        rows.push((id, new, serde_json::to_string(&new.labels)?, serde_json::to_string(&new.progress)?));
+    }
+    let mut insert = QueryBuilder::<Sqlite>::new(INSERT);
+    insert.push_values(rows, |mut row, (id, new, labels, progress)| {
+        row.push_bind(id).push_bind(&new.tenant).push_bind(&new.name).push_bind(labels).push("'accepted'");
+        row.push_bind(progress).push_bind(&new.message).push_bind(new.priority).push_bind(&new.retry_of);
+        // The sum of a time and nothing is nothing.
+        let deadline = new.deadline_seconds.map(|seconds| (seconds * 1000.0) as i64);
+        row.push_bind(&new.traceparent).push(concat!(now!(), " + ")).push_bind_unseparated(deadline);
+        row.push(now!()).push(now!());
+    });
+    insert.push(" RETURNING ").push(JOB);
+    let jobs: Vec<SqliteRow> = insert.build().fetch_all(&mut **tx).await?;
+    let mut requests = QueryBuilder::<Sqlite>::new(KEEP_REQUESTS);
+    requests.push_values(group.new_jobs(), |mut row, (id, new)| {
+        row.push_bind(id).push_bind(&new.request[..]);
+    });
+    requests.build().execute(&mut **tx).await?;
+    let keyed: Vec<_> =
+        group.new_jobs().filter_map(|(id, new)| Some((id, &new.tenant, new.idempotency.as_ref()?))).collect();
+    if !keyed.is_empty() {
+        let mut keys = QueryBuilder::<Sqlite>::new(KEEP_KEYS);
+        keys.push_values(keyed, |mut row, (id, tenant, (key, body))| {
+            row.push_bind(tenant).push_bind(key).push_bind(body).push_bind(id);
+        });
+        keys.build().execute(&mut **tx).await?;
+    }
+    jobs.iter().map(rows::job).collect()
 }

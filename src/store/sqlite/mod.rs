@@ -24,8 +24,9 @@ use std::time::Duration;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{Connection, Sqlite, Transaction};
 
-use self::intake::Intake;
+use self::intake::SqliteLedger;
 use super::StoreError;
+use super::intake::Intake;
 use super::schema::{self, migrator};
 
 /// Milliseconds since 1970 by the database's clock.
@@ -49,7 +50,7 @@ pub(super) const MIGRATIONS: [schema::File; 5] = [
 pub struct SqliteStore {
     readers: SqlitePool,
     writer: SqlitePool,
-    intake: Arc<Intake>,
+    intake: Arc<Intake<SqliteLedger>>,
 }
 
 impl SqliteStore {
@@ -62,21 +63,24 @@ impl SqliteStore {
             .synchronous(SqliteSynchronous::Full)
             .busy_timeout(Duration::from_secs(10))
             .foreign_keys(true);
-        // A connection whose transaction SQLite rolled back by itself (disk full) is not handed out again.
+        // A connection whose transaction SQLite rolled back by itself (disk full) is not handed out again. None needs to be tried
+        // before that: nothing is between it and its file.
         let pool = |size: u32| {
-            SqlitePoolOptions::new().max_connections(size).acquire_timeout(Duration::from_secs(20)).after_release(
-                |connection, _| {
-                    Box::pin(async move {
+            let pool = SqlitePoolOptions::new().max_connections(size).acquire_timeout(Duration::from_secs(20));
+            pool.test_before_acquire(false).after_release(|connection, _| {
+                Box::pin(async move {
+                    if connection.is_in_transaction() {
+                        // Until what was left undone is undone.
                         connection.ping().await?;
-                        Ok(!connection.is_in_transaction())
-                    })
-                },
-            )
+                    }
+                    Ok(!connection.is_in_transaction())
+                })
+            })
         };
         let writer = pool(1).connect_with(options.clone()).await?;
         migrator(&MIGRATIONS).run(&writer).await?;
         let readers = pool(4).connect_with(options).await?;
-        Ok(Self { readers, intake: Intake::new(writer.clone()), writer })
+        Ok(Self { readers, intake: Intake::new(SqliteLedger(writer.clone())), writer })
     }
 
     async fn begin(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {

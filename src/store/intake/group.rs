@@ -1,0 +1,107 @@
+//! What a group of submissions comes to, by what is there already: each sees those before it in the group, as if it had
+//! been entered by itself. A decision, made without a database.
+
+use std::collections::HashMap;
+
+use uuid::Uuid;
+
+use crate::jobs::Job;
+use crate::store::{NewJob, Quota, StoreError, Submission};
+
+/// Idempotency keys that were here before, by tenant and key: the digest of the body they came with, and its job.
+pub type Known = HashMap<(String, String), (String, Job)>;
+/// What tenants have: jobs that wait, and bytes of maps.
+pub type Held = HashMap<String, (i64, i64)>;
+
+/// A group, sorted out.
+pub struct Group<'a> {
+    verdicts: Vec<Verdict<'a>>,
+}
+
+enum Verdict<'a> {
+    Answered(Submission),
+    /// A job, by the id it gets.
+    New(String, &'a NewJob),
+    /// The key and the body of an earlier one of the group, by its place there.
+    Again(usize),
+}
+
+impl<'a> Group<'a> {
+    pub fn of(group: &'a [NewJob], known: &Known, mut held: Held) -> Self {
+        let mut seen: HashMap<(&str, &str), usize> = HashMap::new();
+        let mut verdicts = Vec::with_capacity(group.len());
+        for (place, new) in group.iter().enumerate() {
+            let repeated = repeat(new, known).or_else(|| {
+                let (key, body) = new.idempotency.as_ref()?;
+                let earlier = *seen.get(&(&new.tenant[..], &key[..]))?;
+                let same = group[earlier].idempotency.as_ref().is_some_and(|(_, its)| its == body);
+                Some(if same { Verdict::Again(earlier) } else { Verdict::Answered(Submission::KeyReused) })
+            });
+            let verdict = repeated.unwrap_or_else(|| admit(new, &mut held));
+            if let (Verdict::New(..), Some((key, _))) = (&verdict, &new.idempotency) {
+                seen.insert((&new.tenant, key), place);
+            }
+            verdicts.push(verdict);
+        }
+        Self { verdicts }
+    }
+
+    /// The jobs to be written, with their ids, in their order.
+    pub fn new_jobs(&self) -> impl Iterator<Item = (&str, &'a NewJob)> {
+        self.verdicts.iter().filter_map(|verdict| match verdict {
+            Verdict::New(id, new) => Some((&id[..], *new)),
+            _ => None,
+        })
+    }
+
+    pub fn has_new_jobs(&self) -> bool {
+        self.new_jobs().next().is_some()
+    }
+
+    /// What each comes to, with the jobs as they were written, in any order.
+    pub fn written(self, jobs: Vec<Job>) -> Result<Vec<Submission>, StoreError> {
+        let mut jobs: HashMap<String, Job> = jobs.into_iter().map(|job| (job.id.clone(), job)).collect();
+        let mut outcomes: Vec<Submission> = Vec::with_capacity(self.verdicts.len());
+        for verdict in self.verdicts {
+            let outcome = match verdict {
+                Verdict::Answered(outcome) => outcome,
+                Verdict::New(id, _) => Submission::Accepted(jobs.remove(&id).ok_or(sqlx::Error::RowNotFound)?),
+                Verdict::Again(earlier) => match outcomes[earlier].clone() {
+                    Submission::Accepted(job) => Submission::Repeated(job),
+                    other => other,
+                },
+            };
+            outcomes.push(outcome);
+        }
+        Ok(outcomes)
+    }
+}
+
+/// What a submission comes to whose key was here before.
+fn repeat<'a>(new: &NewJob, known: &Known) -> Option<Verdict<'a>> {
+    let (key, body) = new.idempotency.as_ref()?;
+    let (its_body, job) = known.get(&(new.tenant.clone(), key.clone()))?;
+    Some(Verdict::Answered(match its_body == body {
+        true => Submission::Repeated(job.clone()),
+        false => Submission::KeyReused,
+    }))
+}
+
+/// A job within its tenant's quota, which then has one more that waits.
+fn admit<'a>(new: &'a NewJob, held: &mut Held) -> Verdict<'a> {
+    let (queued, bytes) = held.entry(new.tenant.clone()).or_default();
+    if let Some(what) = new.quota.and_then(|quota| over(quota, *queued, *bytes)) {
+        return Verdict::Answered(Submission::OverQuota(what));
+    }
+    *queued += 1;
+    Verdict::New(Uuid::now_v7().to_string(), new)
+}
+
+/// What a tenant has as much of as it may.
+fn over(quota: Quota, queued: i64, bytes: i64) -> Option<&'static str> {
+    match (queued >= quota.queued, bytes >= quota.bytes) {
+        (true, _) => Some("queued jobs"),
+        (_, true) => Some("bytes of maps"),
+        _ => None,
+    }
+}
