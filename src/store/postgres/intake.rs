@@ -18,8 +18,9 @@ use crate::store::intake::Ledger;
 use crate::store::intake::group::{Group, Held, Known};
 use crate::store::{NewJob, StoreError, Submission};
 
-/// Groups under way at once: one prepares while the other waits for the disk.
-const TURNS: usize = 2;
+/// Groups under way at once from this process. A second would begin sooner, and both would be smaller: a group of ten costs the
+/// database little more than one of five.
+const TURNS: usize = 1;
 /// A quota is exact as long as no more submissions of a tenant than this are under way at once: so near to it they queue.
 const MARGIN: i64 = 1024;
 /// How often a submission looks again whether another brought its key first.
