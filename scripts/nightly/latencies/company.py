@@ -2,6 +2,7 @@
 
 import json
 import multiprocessing
+import os
 import socket
 import threading
 import time
@@ -71,6 +72,30 @@ def _long(seed: int) -> dict:
     job["map"] |= {"bounds": {"min": [0, 0], "max": [8, 8]}}
     job["fit"] = {"max_iterations": 1000, "tolerance": 1e-14}
     return job
+
+
+class Loops:
+    """As many processes as there are cores, at the lowest priority, that compute and touch nothing of the service's.
+
+    What they cost a question is the machine's: its scheduler gives a core up only when a slice of it ends.
+    """
+
+    def __init__(self):
+        self._processes = [multiprocessing.Process(target=_loop, daemon=True) for _ in range(os.cpu_count() or 1)]
+        for process in self._processes:
+            process.start()
+        time.sleep(1.0)
+
+    def stop(self) -> None:
+        for process in self._processes:
+            process.kill()
+            process.join()
+
+
+def _loop() -> None:
+    os.nice(19)
+    while True:
+        pass
 
 
 class Crowd:
