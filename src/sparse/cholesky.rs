@@ -185,6 +185,11 @@ impl Cholesky {
         SupernodalLltRef::new(shape.symbolic, &self.values)
     }
 
+    /// The factor's values, panel after panel.
+    pub(super) fn values(&self) -> &[f64] {
+        &self.values
+    }
+
     /// The step at which each unknown is eliminated.
     pub(super) fn steps(&self) -> &[usize] {
         self.symbolic.perm().map_or(&[], |perm| perm.arrays().1)

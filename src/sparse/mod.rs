@@ -13,6 +13,7 @@ mod block;
 mod cholesky;
 mod dense;
 mod error;
+mod few;
 mod paths;
 mod pattern;
 mod selected;

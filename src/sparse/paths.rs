@@ -10,18 +10,17 @@
 //! `G11`, `G21` and what its children left of the right-hand sides, `u` and `du`:
 //!
 //! ```text
-//! v = L11^-1 u,  z = L11^-T v,  q = L11^-1 G11 z,  dv = L11^-1 du
-//! H^-1 += v^T v,                S -= v^T dv + dv^T v - v^T q
-//! u2   -= L21 v,                du2 -= L21 (dv - q) + G21 z        rows below
+//! v = L11^-1 u,  z = L11^-T v,  e = L11^-1 (du - G11 z)
+//! H^-1 += v^T v,                S -= v^T e + e^T v + z^T G11 z
+//! u2   -= L21 v,                du2 -= L21 e + G21 z               rows below
 //! ```
 
-use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
-use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use super::cholesky::Cholesky;
 use super::error::SparseError;
+use super::few::{Panel, add_transposed};
 use super::selected::eliminate_derivative;
 use super::system::SystemMatrix;
 use super::tree::Shape;
@@ -74,7 +73,7 @@ impl Paths {
         go_on: &dyn Fn() -> bool,
     ) -> Result<Mat<f64>, SparseError> {
         let (shape, inverse) = (self.cholesky.shape()?, self.cholesky.steps());
-        let factor = self.cholesky.supernodes(shape);
+        let panel = |values, s| shape.panel(s, values);
         let first = |column: &C| column.as_ref().iter().map(|(unknown, _)| inverse[*unknown]).min();
         let mut order: Vec<usize> = (0..columns.len()).collect();
         order.sort_by_key(|&k| first(&columns[k]));
@@ -86,12 +85,10 @@ impl Paths {
             if !go_on() {
                 return Err(SparseError::Stopped);
             }
-            let panel = factor.supernode(visit.supernode).val();
-            let l = panel.split_at_row(panel.ncols());
+            let l = panel(self.cholesky.values(), visit.supernode);
             let v = sides.pass(visit, l);
             if of == Of::Sandwich {
-                let own = shape.span(visit.supernode..visit.supernode + 1);
-                sides.pass_derivative(visit, l, shape.blocks(visit.supernode, &self.derivative[own]), v);
+                sides.pass_derivative(visit, l, panel(&self.derivative, visit.supernode), v);
             } else {
                 sides.add_square(visit, v);
             }
@@ -189,8 +186,6 @@ struct Sides {
     sum: Mat<f64>,
 }
 
-type Blocks<'a> = (MatRef<'a, f64>, MatRef<'a, f64>);
-
 impl Sides {
     fn start(walk: &Walk, count: usize, entries: &[Entry]) -> Self {
         let mut u = Mat::zeros(walk.rows, count);
@@ -199,11 +194,11 @@ impl Sides {
     }
 
     /// A supernode's `v`, taken from the rows below.
-    fn pass(&mut self, visit: &Visit, (l11, l21): Blocks<'_>) -> Mat<f64> {
-        let mut v = visit.own_rows(&self.u);
-        solve_lower_triangular_in_place(l11, v.as_mut(), Par::Seq);
-        take(self.u.as_mut(), visit, times(l21, v.as_ref()).as_ref());
-        v
+    fn pass(&mut self, visit: &Visit, l: Panel<'_>) -> Mat<f64> {
+        let mut x = visit.above_zeros(&self.u);
+        l.eliminate(&mut x);
+        add_below(self.u.as_mut(), visit, x.as_ref());
+        x.subrows(0, visit.width).to_owned()
     }
 
     fn add_square(&mut self, visit: &Visit, v: Mat<f64>) {
@@ -212,26 +207,30 @@ impl Sides {
         triangular::matmul(into, lower, Accum::Add, v.transpose(), whole, v.as_ref(), whole, 1.0, Par::Seq);
     }
 
-    fn pass_derivative(&mut self, visit: &Visit, (l11, l21): Blocks<'_>, (g11, g21): Blocks<'_>, v: Mat<f64>) {
-        let mut dv = visit.own_rows(&self.du);
-        solve_lower_triangular_in_place(l11, dv.as_mut(), Par::Seq);
+    fn pass_derivative(&mut self, visit: &Visit, l: Panel<'_>, g: Panel<'_>, v: Mat<f64>) {
         let mut z = v.clone();
-        solve_upper_triangular_in_place(l11.transpose(), z.as_mut(), Par::Seq);
-        let mut q = times(g11, z.as_ref());
-        solve_lower_triangular_in_place(l11, q.as_mut(), Par::Seq);
-        q *= faer::Scale(0.5);
-        dv -= &q;
-        matmul(visit.square(&mut self.sum), Accum::Add, v.transpose(), dv.as_ref(), 1.0, Par::Seq);
-        dv -= q;
-        let mut change = times(l21, dv.as_ref());
-        matmul(change.as_mut(), Accum::Add, g21, z.as_ref(), 1.0, Par::Seq);
-        take(self.du.as_mut(), visit, change.as_ref());
+        l.substitute_back(&mut z);
+        let mut x = Mat::zeros(visit.width + visit.below.len(), visit.columns.len());
+        g.take_product(z.as_ref(), &mut x);
+        add_transposed(visit.square(&mut self.sum), z.as_ref(), x.subrows(0, visit.width), -0.5);
+        let mut own = x.subrows_mut(0, visit.width);
+        own += visit.own_rows(&self.du);
+        l.eliminate(&mut x);
+        add_transposed(visit.square(&mut self.sum), v.as_ref(), x.subrows(0, visit.width), 1.0);
+        add_below(self.du.as_mut(), visit, x.as_ref());
     }
 }
 
 impl Visit {
-    fn own_rows(&self, of: &Mat<f64>) -> Mat<f64> {
-        of.submatrix(self.first, self.columns.start, self.width, self.columns.len()).to_owned()
+    fn own_rows<'a>(&self, of: &'a Mat<f64>) -> MatRef<'a, f64> {
+        of.submatrix(self.first, self.columns.start, self.width, self.columns.len())
+    }
+
+    /// Its own rows, with nothing below them yet.
+    fn above_zeros(&self, of: &Mat<f64>) -> Mat<f64> {
+        let mut x = Mat::zeros(self.width + self.below.len(), self.columns.len());
+        x.subrows_mut(0, self.width).copy_from(self.own_rows(of));
+        x
     }
 
     fn square<'a>(&self, of: &'a mut Mat<f64>) -> MatMut<'a, f64> {
@@ -240,17 +239,11 @@ impl Visit {
     }
 }
 
-/// Takes a change of the rows below from them.
-fn take(mut from: MatMut<'_, f64>, visit: &Visit, change: MatRef<'_, f64>) {
+/// Adds a change of the rows below to them.
+fn add_below(mut to: MatMut<'_, f64>, visit: &Visit, change: MatRef<'_, f64>) {
     for (k, column) in visit.columns.clone().enumerate() {
         for (row, &place) in visit.below.iter().enumerate() {
-            from[(place, column)] -= change[(row, k)];
+            to[(place, column)] += change[(visit.width + row, k)];
         }
     }
-}
-
-fn times(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
-    let mut out = Mat::zeros(a.nrows(), b.ncols());
-    matmul(out.as_mut(), Accum::Replace, a, b, 1.0, Par::Seq);
-    out
 }

@@ -12,6 +12,7 @@ use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
 use faer::{Mat, MatRef};
 
 use super::dense::mirror;
+use super::few::Panel;
 
 /// Who eliminates what, and for whom.
 pub(super) struct Tree {
@@ -123,6 +124,11 @@ impl<'a> Shape<'a> {
     /// A supernode's pivot block and the block below it.
     pub fn blocks(self, s: usize, panel: &[f64]) -> (MatRef<'_, f64>, MatRef<'_, f64>) {
         MatRef::from_column_major_slice(panel, self.height(s), self.width(s)).split_at_row(self.width(s))
+    }
+
+    /// A supernode's panel among all values.
+    pub fn panel(self, s: usize, values: &[f64]) -> Panel<'_> {
+        Panel::new(&values[self.span(s..s + 1)], self.height(s), self.width(s))
     }
 
     /// The matrix between the rows below a supernode, gathered from the panels of those that own them.
