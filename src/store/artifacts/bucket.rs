@@ -20,10 +20,11 @@ use object_store::{
     BackoffConfig, ClientConfigKey, Error, MultipartUpload, ObjectStore, ObjectStoreExt, PutMode, PutPayload,
     RetryConfig,
 };
+use uuid::Uuid;
 
 use super::prefix::{self, ROOTS};
 use super::uploads::{Upload, Uploads};
-use super::{ArtifactsError, Backend, Leftover, Unfinished};
+use super::{ArtifactsError, Backend, Leftover, PROBE_BYTES, Unfinished};
 
 /// What is larger goes up in parts of this size, so many at once.
 const PART: usize = 16 << 20;
@@ -140,6 +141,13 @@ impl Backend for Bucket {
 
     async fn put(&self, path: &Path, bytes: Bytes) -> Result<(), ArtifactsError> {
         if bytes.len() <= PART { self.put_once(path, bytes).await } else { self.put_in_parts(path, bytes).await }
+    }
+
+    /// Under a name of its own: processes of other machines probe the same bucket.
+    async fn probe(&self) -> Result<(), ArtifactsError> {
+        let path = Path::from(prefix::of_probe(&Uuid::now_v7()));
+        self.objects.put(&path, PutPayload::from(vec![0; PROBE_BYTES])).await?;
+        Ok(self.objects.delete(&path).await?)
     }
 
     async fn remove(&self, prefix: &str) -> Result<(), ArtifactsError> {

@@ -3,6 +3,7 @@
 //! A file is written beside its place, synced and renamed, so it is whole or not there. A write that a crash cut short
 //! leaves its staging file: object_store does not list it, so the sweep looks at the folders themselves.
 
+use std::io::Write;
 use std::path::{Path as FilePath, PathBuf};
 use std::time::SystemTime;
 
@@ -14,7 +15,7 @@ use object_store::path::Path;
 use object_store::{ObjectStore, ObjectStoreExt, PutPayload};
 
 use super::prefix::{ATTEMPTS, IMPORTS, PROBES};
-use super::{ArtifactsError, Backend, Leftover};
+use super::{ArtifactsError, Backend, Leftover, PROBE_BYTES};
 
 pub(super) struct Folder {
     files: LocalFileSystem,
@@ -58,6 +59,17 @@ impl Backend for Folder {
     async fn put(&self, path: &Path, bytes: Bytes) -> Result<(), ArtifactsError> {
         self.files.put(path, PutPayload::from(bytes)).await?;
         Ok(())
+    }
+
+    /// A file without a name: of a process that is killed meanwhile nothing is left.
+    async fn probe(&self) -> Result<(), ArtifactsError> {
+        let folder = self.folder.clone();
+        let write = move || {
+            let mut file = tempfile::tempfile_in(folder)?;
+            file.write_all(&[0; PROBE_BYTES])?;
+            file.sync_all()
+        };
+        Ok(tokio::task::spawn_blocking(write).await.map_err(std::io::Error::other)??)
     }
 
     async fn remove(&self, prefix: &str) -> Result<(), ArtifactsError> {

@@ -24,10 +24,9 @@ use std::time::SystemTime;
 use async_trait::async_trait;
 use bytes::Bytes;
 use object_store::path::Path;
-use object_store::{ObjectStore, ObjectStoreExt, PutPayload};
+use object_store::{ObjectStore, ObjectStoreExt};
 use sha2::{Digest, Sha256};
 use thiserror::Error;
-use uuid::Uuid;
 
 use super::StoreError;
 use bucket::Bucket;
@@ -69,11 +68,16 @@ trait Backend: Send + Sync {
     async fn abort(&self, _: &Unfinished) -> Result<(), ArtifactsError> {
         Ok(())
     }
+    /// Writes a few pages, to see whether it can be done, and takes them away again.
+    async fn probe(&self) -> Result<(), ArtifactsError>;
     /// Removes what is of no use to anyone and under no prefix.
     async fn tidy(&self) -> Result<(), ArtifactsError> {
         Ok(())
     }
 }
+
+/// What a probe writes: a few pages.
+const PROBE_BYTES: usize = 1 << 16;
 
 /// A prefix under which something lies.
 #[derive(Debug, Clone, PartialEq)]
@@ -143,11 +147,8 @@ impl Artifacts {
         self.0.remove(prefix).await
     }
 
-    /// Whether an artifact can be written: one of a few pages, and away again.
+    /// Whether an artifact can be written.
     pub async fn probe(&self) -> Result<(), ArtifactsError> {
-        // A name of its own: processes of other machines, or in other containers, probe the same store.
-        let path = Path::from(prefix::of_probe(&Uuid::now_v7()));
-        self.0.objects().put(&path, PutPayload::from(vec![0; 1 << 16])).await?;
-        Ok(self.0.objects().delete(&path).await?)
+        self.0.probe().await
     }
 }
