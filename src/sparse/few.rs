@@ -5,7 +5,7 @@
 //! that a scan's covariance took.
 
 use faer::linalg::matmul::matmul;
-use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 /// More right-hand sides than this are many.
@@ -30,67 +30,46 @@ impl<'a> Panel<'a> {
         MatRef::from_column_major_slice(self.values, self.height, self.width)
     }
 
-    fn pivot(self) -> MatRef<'a, f64> {
-        self.whole().split_at_row(self.width).0
-    }
-
     /// A column, from a row on.
     fn column(self, column: usize, row: usize) -> &'a [f64] {
         &self.values[column * self.height + row..(column + 1) * self.height]
     }
 
-    /// Of a factor's panel: `x` is `L11^-1 x` in the pivot's rows, and less `L21` times that below.
-    pub fn eliminate(self, x: &mut Mat<f64>) {
-        if x.ncols() > FEW {
+    /// Of a factor's panel: each of `sides` is `L11^-1` times itself in the pivot's rows, and less `L21` times that below.
+    pub fn eliminate(self, sides: &mut [Mat<f64>]) {
+        for x in sides.iter_mut().filter(|x| x.ncols() > FEW) {
             let (mut own, below) = x.as_mut().split_at_row_mut(self.width);
             let (l11, l21) = self.whole().split_at_row(self.width);
             solve_lower_triangular_in_place(l11, own.as_mut(), Par::Seq);
-            return matmul(below, Accum::Add, l21, own.as_ref(), -1.0, Par::Seq);
+            matmul(below, Accum::Add, l21, own.as_ref(), -1.0, Par::Seq);
         }
         for (first, count) in groups(self.width) {
-            for k in 0..x.ncols() {
-                let (solved, rest) = x.col_as_slice_mut(k).split_at_mut(first + count);
-                let own = &mut solved[first..];
-                for j in 0..count {
-                    let column = self.column(first + j, first);
-                    own[j] /= column[j];
-                    for i in j + 1..count {
-                        own[i] -= column[i] * own[j];
+            for x in sides.iter_mut().filter(|x| x.ncols() <= FEW) {
+                for k in 0..x.ncols() {
+                    let (solved, rest) = x.col_as_slice_mut(k).split_at_mut(first + count);
+                    let own = &mut solved[first..];
+                    for j in 0..count {
+                        let column = self.column(first + j, first);
+                        own[j] /= column[j];
+                        for i in j + 1..count {
+                            own[i] -= column[i] * own[j];
+                        }
                     }
-                }
-                self.take(first, first + count, own, rest);
-            }
-        }
-    }
-
-    /// Of a factor's panel: `L11^-T z` in place.
-    pub fn substitute_back(self, z: &mut Mat<f64>) {
-        if z.ncols() > FEW {
-            return solve_upper_triangular_in_place(self.pivot().transpose(), z.as_mut(), Par::Seq);
-        }
-        for (first, count) in groups(self.width).rev() {
-            for k in 0..z.ncols() {
-                let (own, known) = z.col_as_slice_mut(k).split_at_mut(first + count);
-                let own = &mut own[first..];
-                let dots = self.dots(first, count, known);
-                for j in (0..count).rev() {
-                    let column = self.column(first + j, first);
-                    let later: f64 = (j + 1..count).map(|i| column[i] * own[i]).sum();
-                    own[j] = (own[j] - dots[j] - later) / column[j];
+                    self.take(first, first + count, own, rest);
                 }
             }
         }
     }
 
-    /// `x - A z`, `A` being all of the panel, its pivot block full.
-    pub fn take_product(self, z: MatRef<'_, f64>, x: &mut Mat<f64>) {
+    /// `x - A v`, `A` being all of the panel, its pivot block full.
+    pub fn take_product(self, v: MatRef<'_, f64>, x: &mut Mat<f64>) {
         if x.ncols() > FEW {
-            return matmul(x.as_mut(), Accum::Add, self.whole(), z, -1.0, Par::Seq);
+            return matmul(x.as_mut(), Accum::Add, self.whole(), v, -1.0, Par::Seq);
         }
         for (first, count) in groups(self.width) {
             for k in 0..x.ncols() {
-                let z: [f64; TOGETHER] = std::array::from_fn(|j| if j < count { z[(first + j, k)] } else { 0.0 });
-                self.take(first, 0, &z[..count], x.col_as_slice_mut(k));
+                let own: [f64; TOGETHER] = std::array::from_fn(|j| if j < count { v[(first + j, k)] } else { 0.0 });
+                self.take(first, 0, &own[..count], x.col_as_slice_mut(k));
             }
         }
     }
@@ -108,30 +87,10 @@ impl<'a> Panel<'a> {
             x.iter_mut().zip(self.column(first + j, row)).for_each(|(x, a)| *x -= a * value);
         }
     }
-
-    /// What columns `first..` of the pivot block, below them, make with as many of `x`.
-    fn dots(self, first: usize, count: usize, x: &[f64]) -> [f64; TOGETHER] {
-        let mut dots = [0.0; TOGETHER];
-        let columns: [&[f64]; TOGETHER] =
-            std::array::from_fn(|j| if j < count { self.column(first + j, first + count) } else { &[] });
-        if count == TOGETHER {
-            let [a0, a1, a2, a3] = columns;
-            for ((((x, a0), a1), a2), a3) in x.iter().zip(a0).zip(a1).zip(a2).zip(a3) {
-                dots[0] += a0 * x;
-                dots[1] += a1 * x;
-                dots[2] += a2 * x;
-                dots[3] += a3 * x;
-            }
-            return dots;
-        }
-        let of = |a: &[f64]| a.iter().zip(x).map(|(a, x)| a * x).sum();
-        dots.iter_mut().zip(columns).for_each(|(dot, a)| *dot = of(a));
-        dots
-    }
 }
 
 /// Columns taken together: the first, and how many.
-fn groups(width: usize) -> impl DoubleEndedIterator<Item = (usize, usize)> {
+fn groups(width: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..width).step_by(TOGETHER).map(move |first| (first, TOGETHER.min(width - first)))
 }
 
@@ -162,14 +121,9 @@ mod tests {
                 let off = (few - many.subcols(0, 3)).norm_max();
                 assert!(off <= 1e-9 * many.norm_max().max(1.0), "{height} x {width}: {off}");
             };
-            let (mut a, mut b) = (few.clone(), many.clone());
-            panel.eliminate(&mut a);
-            panel.eliminate(&mut b);
-            compare(&a, &b);
-            let (mut a, mut b) = (pivots(&few), pivots(&many));
-            panel.substitute_back(&mut a);
-            panel.substitute_back(&mut b);
-            compare(&a, &b);
+            let mut sides = [few.clone(), many.clone()];
+            panel.eliminate(&mut sides);
+            compare(&sides[0], &sides[1]);
             let (mut a, mut b) = (few.clone(), many.clone());
             panel.take_product(pivots(&few).as_ref(), &mut a);
             panel.take_product(pivots(&many).as_ref(), &mut b);

@@ -10,12 +10,18 @@
 //! `G11`, `G21` and what its children left of the right-hand sides, `u` and `du`:
 //!
 //! ```text
-//! v = L11^-1 u,  z = L11^-T v,  e = L11^-1 (du - G11 z)
-//! H^-1 += v^T v,                S -= v^T e + e^T v + z^T G11 z
-//! u2   -= L21 v,                du2 -= L21 e + G21 z               rows below
+//! P = L11^-1 G11 L11^-T,        Q = G21 L11^-T - L21 P             once
+//! v = L11^-1 u,                 dv = L11^-1 du,  e = dv - P v
+//! H^-1 += v^T v,                S -= (v^T dv + v^T e)/2 and its transpose
+//! u2   -= L21 v,                du2 -= L21 dv + Q v                rows below
 //! ```
+//!
+//! `P` and `Q` stand where the derivative stood, so both panels are read once a walk, from memory to the last entry: with
+//! few columns that is what a walk takes.
 
+use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use super::cholesky::Cholesky;
@@ -23,9 +29,10 @@ use super::error::SparseError;
 use super::few::{Panel, add_transposed};
 use super::selected::eliminate_derivative;
 use super::system::SystemMatrix;
+use super::team::Pace;
 use super::tree::Shape;
 
-/// A factor and the derivative of its elimination along `G`; see the module.
+/// A factor, and `P` and `Q` of all supernodes; see the module.
 pub struct Paths {
     cholesky: Cholesky,
     derivative: Vec<f64>,
@@ -43,7 +50,10 @@ pub enum Of {
 impl Paths {
     /// From the factor of `H`, and `G` on its pattern. `go_on` is told how far it is and says whether to go on.
     pub fn of(cholesky: Cholesky, g: &SystemMatrix, go_on: &dyn Fn(f64) -> bool) -> Result<Self, SparseError> {
-        let derivative = eliminate_derivative(&cholesky, g, go_on)?;
+        let mut derivative = eliminate_derivative(&cholesky, g, &|share| go_on(SHARE_OF_ELIMINATION * share))?;
+        relate_all(&cholesky, &mut derivative, &|share| {
+            go_on(SHARE_OF_ELIMINATION + (1.0 - SHARE_OF_ELIMINATION) * share)
+        })?;
         Ok(Self { cholesky, derivative })
     }
 
@@ -86,11 +96,9 @@ impl Paths {
                 return Err(SparseError::Stopped);
             }
             let l = panel(self.cholesky.values(), visit.supernode);
-            let v = sides.pass(visit, l);
-            if of == Of::Sandwich {
-                sides.pass_derivative(visit, l, panel(&self.derivative, visit.supernode), v);
-            } else {
-                sides.add_square(visit, v);
+            match of {
+                Of::Inverse => sides.pass(visit, l),
+                Of::Sandwich => sides.pass_dual(visit, l, panel(&self.derivative, visit.supernode)),
             }
         }
         let mut back = vec![0; columns.len()];
@@ -193,32 +201,58 @@ impl Sides {
         Self { u, du: Mat::zeros(walk.rows, count), sum: Mat::zeros(count, count) }
     }
 
-    /// A supernode's `v`, taken from the rows below.
-    fn pass(&mut self, visit: &Visit, l: Panel<'_>) -> Mat<f64> {
-        let mut x = visit.above_zeros(&self.u);
+    fn pass(&mut self, visit: &Visit, l: Panel<'_>) {
+        let mut x = [visit.above_zeros(&self.u)];
         l.eliminate(&mut x);
-        add_below(self.u.as_mut(), visit, x.as_ref());
-        x.subrows(0, visit.width).to_owned()
-    }
-
-    fn add_square(&mut self, visit: &Visit, v: Mat<f64>) {
+        let [x] = x;
+        let v = x.subrows(0, visit.width);
         let (lower, whole) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
         let into = visit.square(&mut self.sum);
-        triangular::matmul(into, lower, Accum::Add, v.transpose(), whole, v.as_ref(), whole, 1.0, Par::Seq);
+        triangular::matmul(into, lower, Accum::Add, v.transpose(), whole, v, whole, 1.0, Par::Seq);
+        add_below(self.u.as_mut(), visit, x.as_ref());
     }
 
-    fn pass_derivative(&mut self, visit: &Visit, l: Panel<'_>, g: Panel<'_>, v: Mat<f64>) {
-        let mut z = v.clone();
-        l.substitute_back(&mut z);
-        let mut x = Mat::zeros(visit.width + visit.below.len(), visit.columns.len());
-        g.take_product(z.as_ref(), &mut x);
-        add_transposed(visit.square(&mut self.sum), z.as_ref(), x.subrows(0, visit.width), -0.5);
-        let mut own = x.subrows_mut(0, visit.width);
-        own += visit.own_rows(&self.du);
-        l.eliminate(&mut x);
-        add_transposed(visit.square(&mut self.sum), v.as_ref(), x.subrows(0, visit.width), 1.0);
-        add_below(self.du.as_mut(), visit, x.as_ref());
+    fn pass_dual(&mut self, visit: &Visit, l: Panel<'_>, pq: Panel<'_>) {
+        let mut both = [visit.above_zeros(&self.u), visit.above_zeros(&self.du)];
+        l.eliminate(&mut both);
+        let [x, mut dx] = both;
+        let v = x.subrows(0, visit.width);
+        add_transposed(visit.square(&mut self.sum), v, dx.subrows(0, visit.width), 0.5);
+        pq.take_product(v, &mut dx);
+        add_transposed(visit.square(&mut self.sum), v, dx.subrows(0, visit.width), 0.5);
+        add_below(self.u.as_mut(), visit, x.as_ref());
+        add_below(self.du.as_mut(), visit, dx.as_ref());
     }
+}
+
+/// The share of the work before any form that the elimination's derivative is.
+const SHARE_OF_ELIMINATION: f64 = 0.7;
+
+/// Puts `P` and `Q` where the elimination's derivative is, supernode by supernode.
+fn relate_all(cholesky: &Cholesky, derivative: &mut [f64], go_on: &dyn Fn(f64) -> bool) -> Result<(), SparseError> {
+    let shape = cholesky.shape()?;
+    let (mut panels, mut rest) = (Vec::new(), derivative);
+    for s in 0..shape.symbolic.n_supernodes() {
+        let (own, others) = rest.split_at_mut(shape.span(s..s + 1).len());
+        panels.push((s, own));
+        rest = others;
+    }
+    let pace = Pace::of(shape.whole_work());
+    cholesky.team().each_at_pace(panels, &pace, go_on, |(s, own)| {
+        let factor = shape.blocks(s, &cholesky.values()[shape.span(s..s + 1)]);
+        relate(factor, MatMut::from_column_major_slice_mut(own, shape.height(s), shape.width(s)));
+        pace.step(shape.work(s))
+    })?;
+    Ok(())
+}
+
+/// Puts `P` and `Q` where `G11` and `G21` are.
+fn relate((l11, l21): (MatRef<'_, f64>, MatRef<'_, f64>), g: MatMut<'_, f64>) {
+    let (mut g11, mut g21) = g.split_at_row_mut(l11.nrows());
+    solve_lower_triangular_in_place(l11, g11.as_mut(), Par::Seq);
+    solve_lower_triangular_in_place(l11, g11.as_mut().transpose_mut(), Par::Seq);
+    solve_lower_triangular_in_place(l11, g21.as_mut().transpose_mut(), Par::Seq);
+    matmul(g21, Accum::Add, l21, g11.as_ref(), -1.0, Par::Seq);
 }
 
 impl Visit {

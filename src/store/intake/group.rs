@@ -105,3 +105,101 @@ fn over(quota: Quota, queued: i64, bytes: i64) -> Option<&'static str> {
         _ => None,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::jobs::Progress;
+
+    fn new(tenant: &str, key: Option<(&str, &str)>, queued: i64) -> NewJob {
+        NewJob {
+            tenant: tenant.into(),
+            name: None,
+            labels: Default::default(),
+            priority: 0,
+            progress: Progress::queued(1),
+            message: None,
+            request: Vec::new(),
+            idempotency: key.map(|(key, body)| (key.into(), body.into())),
+            retry_of: None,
+            deadline_seconds: None,
+            traceparent: None,
+            quota: Some(Quota { queued, bytes: i64::MAX }),
+        }
+    }
+
+    fn job(id: &str, tenant: &str) -> Job {
+        Job {
+            id: id.into(),
+            tenant: tenant.into(),
+            name: None,
+            labels: Default::default(),
+            status: crate::jobs::JobStatus::Accepted,
+            progress: Progress::queued(1),
+            message: None,
+            problem: None,
+            created: 0,
+            started: None,
+            finished: None,
+            updated: 0,
+            attempt: 0,
+            priority: 0,
+            map_id: None,
+            revision: 1,
+            retry_of: None,
+            deadline: None,
+            traceparent: None,
+        }
+    }
+
+    /// What each of a group comes to, by a letter: accepted, repeated (of which job), key reused, over quota.
+    fn outcomes(group: &[NewJob], known: &Known, held: Held) -> Vec<String> {
+        let sorted = Group::of(group, known, held);
+        let mut written: Vec<Job> = sorted.new_jobs().map(|(id, new)| job(id, &new.tenant)).collect();
+        written.reverse();
+        let ids: Vec<String> = sorted.new_jobs().map(|(id, _)| id.to_owned()).collect();
+        let place = |job: &Job| ids.iter().position(|id| *id == job.id).map_or(job.id.clone(), |k| k.to_string());
+        let letter = |outcome: &Submission| match outcome {
+            Submission::Accepted(job) => format!("accepted {}", place(job)),
+            Submission::Repeated(job) => format!("repeated {}", place(job)),
+            Submission::KeyReused => "reused".into(),
+            Submission::OverQuota(what) => format!("over {what}"),
+        };
+        sorted.written(written).unwrap().iter().map(letter).collect()
+    }
+
+    #[test]
+    fn each_sees_those_before_it() {
+        let group = [
+            new("a", Some(("k", "one")), 9),
+            new("a", Some(("k", "one")), 9),
+            new("a", Some(("k", "two")), 9),
+            new("b", Some(("k", "two")), 9),
+            new("b", None, 9),
+        ];
+        let expected = ["accepted 0", "repeated 0", "reused", "accepted 1", "accepted 2"];
+        assert_eq!(outcomes(&group, &Known::new(), Held::new()), expected);
+    }
+
+    #[test]
+    fn a_quota_counts_what_the_group_brings() {
+        let group =
+            [new("a", None, 2), new("a", Some(("k", "one")), 2), new("b", None, 2), new("a", Some(("k", "one")), 2)];
+        let held = Held::from([("a".into(), (1, 0)), ("b".into(), (1, 0))]);
+        let expected = ["accepted 0", "over queued jobs", "accepted 1", "over queued jobs"];
+        assert_eq!(outcomes(&group, &Known::new(), held), expected);
+    }
+
+    #[test]
+    fn a_key_that_was_here_before_is_answered_whatever_the_quota() {
+        let known = Known::from([(("a".into(), "k".into()), ("one".into(), job("earlier", "a")))]);
+        let group = [new("a", Some(("k", "one")), 0), new("a", Some(("k", "two")), 0), new("b", Some(("k", "one")), 1)];
+        assert_eq!(outcomes(&group, &known, Held::new()), ["repeated earlier", "reused", "accepted 0"]);
+    }
+
+    #[test]
+    fn a_job_that_was_not_written_is_no_success() {
+        let group = [new("a", None, 9)];
+        assert!(Group::of(&group, &Known::new(), Held::new()).written(Vec::new()).is_err());
+    }
+}
