@@ -1,8 +1,8 @@
 //! Solves and products of a supernode's panel with right-hand sides, few or many.
 //!
-//! A panel is read once a call, in the order it lies in memory. Kernels made for many right-hand sides read it in tiles across its
-//! columns; with three of them each tile is used three times, and a wide panel costs a page of memory a tile: seven eighths of the time
-//! that a scan's covariance took.
+//! A panel is read once a call, in the order it lies in memory. Kernels made for many right-hand sides go through it row by row of
+//! tiles, which with a handful of them means another page of memory for every few numbers: seven eighths of the time that a scan's
+//! covariance took.
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;

@@ -16,8 +16,7 @@
 //! u2   -= L21 v,                du2 -= L21 dv + Q v                rows below
 //! ```
 //!
-//! `P` and `Q` stand where the derivative stood, so both panels are read once a walk, from memory to the last entry: with
-//! few columns that is what a walk takes.
+//! `P` and `Q` stand where the derivative stood, so a walk reads both panels once. With few columns that is all the time it takes.
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
@@ -35,7 +34,7 @@ use super::tree::Shape;
 /// A factor, and `P` and `Q` of all supernodes; see the module.
 pub struct Paths {
     cholesky: Cholesky,
-    derivative: Vec<f64>,
+    related: Vec<f64>,
 }
 
 /// Whose entries.
@@ -50,16 +49,16 @@ pub enum Of {
 impl Paths {
     /// From the factor of `H`, and `G` on its pattern. `go_on` is told how far it is and says whether to go on.
     pub fn of(cholesky: Cholesky, g: &SystemMatrix, go_on: &dyn Fn(f64) -> bool) -> Result<Self, SparseError> {
-        let mut derivative = eliminate_derivative(&cholesky, g, &|share| go_on(SHARE_OF_ELIMINATION * share))?;
-        relate_all(&cholesky, &mut derivative, &|share| {
+        let mut related = eliminate_derivative(&cholesky, g, &|share| go_on(SHARE_OF_ELIMINATION * share))?;
+        relate_all(&cholesky, &mut related, &|share| {
             go_on(SHARE_OF_ELIMINATION + (1.0 - SHARE_OF_ELIMINATION) * share)
         })?;
-        Ok(Self { cholesky, derivative })
+        Ok(Self { cholesky, related })
     }
 
     /// Bytes it holds in memory.
     pub fn held_bytes(&self) -> usize {
-        self.cholesky.held_bytes() + 8 * (self.derivative.len() + 4 * self.cholesky.dimension())
+        self.cholesky.held_bytes() + 8 * (self.related.len() + 4 * self.cholesky.dimension())
     }
 
     /// Bytes that forms of so many columns hold while they are formed, at most: as if their paths were all of the tree.
@@ -98,7 +97,7 @@ impl Paths {
             let l = panel(self.cholesky.values(), visit.supernode);
             match of {
                 Of::Inverse => sides.pass(visit, l),
-                Of::Sandwich => sides.pass_dual(visit, l, panel(&self.derivative, visit.supernode)),
+                Of::Sandwich => sides.pass_dual(visit, l, panel(&self.related, visit.supernode)),
             }
         }
         let mut back = vec![0; columns.len()];

@@ -19,11 +19,13 @@ pub struct Keyed {
     keyless_until: AtomicU64,
 }
 
-impl Keyed {
-    pub fn new() -> Self {
+impl Default for Keyed {
+    fn default() -> Self {
         Self { began: Instant::now(), keyed: AtomicBool::new(false), keyless_until: AtomicU64::new(0) }
     }
+}
 
+impl Keyed {
     pub async fn has_keys(&self, keys: &(impl Keys + ?Sized)) -> Result<bool, StoreError> {
         if self.keyed.load(Ordering::Relaxed) {
             return Ok(true);

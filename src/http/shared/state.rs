@@ -87,7 +87,7 @@ impl Service {
         Self {
             rules: Rules::of(&document),
             rates: Rates::new(limits.requests_a_second),
-            keyed: Keyed::new(),
+            keyed: Keyed::default(),
             workshop,
             document,
             limits,

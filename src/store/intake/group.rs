@@ -19,14 +19,21 @@ pub struct Group<'a> {
 }
 
 enum Verdict<'a> {
-    Answered(Submission),
+    Answered(Box<Submission>),
     /// A job, by the id it gets.
     New(String, &'a NewJob),
     /// The key and the body of an earlier one of the group, by its place there.
     Again(usize),
 }
 
+impl Verdict<'_> {
+    fn answered(outcome: Submission) -> Self {
+        Self::Answered(Box::new(outcome))
+    }
+}
+
 impl<'a> Group<'a> {
+    /// Sorts out a group by what is known and held.
     pub fn of(group: &'a [NewJob], known: &Known, mut held: Held) -> Self {
         let mut seen: HashMap<(&str, &str), usize> = HashMap::new();
         let mut verdicts = Vec::with_capacity(group.len());
@@ -35,7 +42,7 @@ impl<'a> Group<'a> {
                 let (key, body) = new.idempotency.as_ref()?;
                 let earlier = *seen.get(&(&new.tenant[..], &key[..]))?;
                 let same = group[earlier].idempotency.as_ref().is_some_and(|(_, its)| its == body);
-                Some(if same { Verdict::Again(earlier) } else { Verdict::Answered(Submission::KeyReused) })
+                Some(if same { Verdict::Again(earlier) } else { Verdict::answered(Submission::KeyReused) })
             });
             let verdict = repeated.unwrap_or_else(|| admit(new, &mut held));
             if let (Verdict::New(..), Some((key, _))) = (&verdict, &new.idempotency) {
@@ -64,7 +71,7 @@ impl<'a> Group<'a> {
         let mut outcomes: Vec<Submission> = Vec::with_capacity(self.verdicts.len());
         for verdict in self.verdicts {
             let outcome = match verdict {
-                Verdict::Answered(outcome) => outcome,
+                Verdict::Answered(outcome) => *outcome,
                 Verdict::New(id, _) => Submission::Accepted(jobs.remove(&id).ok_or(sqlx::Error::RowNotFound)?),
                 Verdict::Again(earlier) => match outcomes[earlier].clone() {
                     Submission::Accepted(job) => Submission::Repeated(job),
@@ -81,7 +88,7 @@ impl<'a> Group<'a> {
 fn repeat<'a>(new: &NewJob, known: &Known) -> Option<Verdict<'a>> {
     let (key, body) = new.idempotency.as_ref()?;
     let (its_body, job) = known.get(&(new.tenant.clone(), key.clone()))?;
-    Some(Verdict::Answered(match its_body == body {
+    Some(Verdict::answered(match its_body == body {
         true => Submission::Repeated(job.clone()),
         false => Submission::KeyReused,
     }))
@@ -91,7 +98,7 @@ fn repeat<'a>(new: &NewJob, known: &Known) -> Option<Verdict<'a>> {
 fn admit<'a>(new: &'a NewJob, held: &mut Held) -> Verdict<'a> {
     let (queued, bytes) = held.entry(new.tenant.clone()).or_default();
     if let Some(what) = new.quota.and_then(|quota| over(quota, *queued, *bytes)) {
-        return Verdict::Answered(Submission::OverQuota(what));
+        return Verdict::answered(Submission::OverQuota(what));
     }
     *queued += 1;
     Verdict::New(Uuid::now_v7().to_string(), new)
