@@ -3,11 +3,12 @@
 
     scripts/nightly/latency.py --binary target/release/mapfit --workers 2
 
-Asks for a job's state and for one point of a map. Beside the scenes is one in which loops keep all cores busy that have nothing to
-do with the service: what they make of a question is the machine's share of what fits make of it. The machine may have others on it, so scenes alternate and are
-compared in pairs: each round has a quiet scene, one with every worker at a fit, both again among 2,000 idle
-connections, 1,000 event listeners and a slow reader; the figure is the median over rounds of each round's own ratio. A round
-in which others took more than a share of the cores (--others) says more of them than of the service, and is played again.
+Asks for a job's state and for one point of a map. The machine may have others on it, so scenes alternate and are compared
+in pairs: each round has a quiet scene, one with every worker at a fit, both again among 2,000 idle connections, 1,000 event
+listeners and a slow reader, and one in which loops that have nothing to do with the service keep all cores busy: what they
+make of a question is the machine's share of what fits make of it. The figure is the median over rounds of each round's own
+ratio. A round in which others took more than a share of the cores (--others) says more of them than of the service, and is
+played again.
 
 The bars of issue 12: busy p99 <= 3 times the quiet one; the crowd changes neither by more than 2 times; resident
 memory <= idle + 256 MiB + what the fits need by their own estimate. Exit code 1 where one is missed.

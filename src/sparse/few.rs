@@ -1,12 +1,12 @@
 //! Solves and products of a supernode's panel with right-hand sides, few or many.
 //!
-//! A panel is read once a call, in the order it lies in memory. Kernels made for many right-hand sides go through it row by row of
-//! tiles, which with a handful of them means another page of memory for every few numbers: seven eighths of the time that a scan's
-//! covariance took.
+//! A panel is read once a call, in the order it lies in memory. Kernels made for many right-hand sides go through it row
+//! by row of tiles, which with a handful of them means another page of memory for every few numbers: seven eighths of the
+//! time that a scan's covariance took.
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
-use faer::{Accum, Mat, MatMut, MatRef, Par};
+use faer::{Accum, Mat, MatRef, Par};
 
 /// More right-hand sides than this are many.
 const FEW: usize = 16;
@@ -92,11 +92,6 @@ impl<'a> Panel<'a> {
 /// Columns taken together: the first, and how many.
 fn groups(width: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..width).step_by(TOGETHER).map(move |first| (first, TOGETHER.min(width - first)))
-}
-
-/// `scale a^T b`, added.
-pub(super) fn add_transposed(into: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64) {
-    matmul(into, Accum::Add, a.transpose(), b, scale, Par::Seq);
 }
 
 #[cfg(test)]

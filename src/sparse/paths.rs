@@ -25,7 +25,7 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use super::cholesky::Cholesky;
 use super::error::SparseError;
-use super::few::{Panel, add_transposed};
+use super::few::Panel;
 use super::selected::eliminate_derivative;
 use super::system::SystemMatrix;
 use super::team::Pace;
@@ -82,7 +82,6 @@ impl Paths {
         go_on: &dyn Fn() -> bool,
     ) -> Result<Mat<f64>, SparseError> {
         let (shape, inverse) = (self.cholesky.shape()?, self.cholesky.steps());
-        let panel = |values, s| shape.panel(s, values);
         let first = |column: &C| column.as_ref().iter().map(|(unknown, _)| inverse[*unknown]).min();
         let mut order: Vec<usize> = (0..columns.len()).collect();
         order.sort_by_key(|&k| first(&columns[k]));
@@ -94,10 +93,10 @@ impl Paths {
             if !go_on() {
                 return Err(SparseError::Stopped);
             }
-            let l = panel(self.cholesky.values(), visit.supernode);
+            let l = shape.panel(visit.supernode, self.cholesky.values());
             match of {
                 Of::Inverse => sides.pass(visit, l),
-                Of::Sandwich => sides.pass_dual(visit, l, panel(&self.related, visit.supernode)),
+                Of::Sandwich => sides.pass_dual(visit, l, shape.panel(visit.supernode, &self.related)),
             }
         }
         let mut back = vec![0; columns.len()];
@@ -216,9 +215,13 @@ impl Sides {
         l.eliminate(&mut both);
         let [x, mut dx] = both;
         let v = x.subrows(0, visit.width);
-        add_transposed(visit.square(&mut self.sum), v, dx.subrows(0, visit.width), 0.5);
+        let mut add_half = |of: &Mat<f64>| {
+            let into = visit.square(&mut self.sum);
+            matmul(into, Accum::Add, v.transpose(), of.subrows(0, visit.width), 0.5, Par::Seq);
+        };
+        add_half(&dx);
         pq.take_product(v, &mut dx);
-        add_transposed(visit.square(&mut self.sum), v, dx.subrows(0, visit.width), 0.5);
+        add_half(&dx);
         add_below(self.u.as_mut(), visit, x.as_ref());
         add_below(self.du.as_mut(), visit, dx.as_ref());
     }

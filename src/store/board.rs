@@ -38,6 +38,13 @@ pub struct NewJob {
     pub quota: Option<Quota>,
 }
 
+impl NewJob {
+    /// Milliseconds from submission in which it has to end. (In a statement, the sum of a time and nothing is nothing.)
+    pub(super) fn deadline(&self) -> Option<i64> {
+        self.deadline_seconds.map(|seconds| (seconds * 1000.0) as i64)
+    }
+}
+
 /// What became of a submission.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Submission {

@@ -13,6 +13,19 @@ pub type Known = HashMap<(String, String), (String, Job)>;
 /// What tenants have: jobs that wait, and bytes of maps.
 pub type Held = HashMap<String, (i64, i64)>;
 
+/// The tenants and keys of a group's submissions that have keys.
+pub fn keys(group: &[NewJob]) -> Vec<(&str, &str)> {
+    group.iter().filter_map(|new| Some((&new.tenant[..], &new.idempotency.as_ref()?.0[..]))).collect()
+}
+
+/// The tenants whose quota counts, each once.
+pub fn counted(group: &[NewJob]) -> Vec<&str> {
+    let mut tenants: Vec<&str> = group.iter().filter(|new| new.quota.is_some()).map(|new| &new.tenant[..]).collect();
+    tenants.sort_unstable();
+    tenants.dedup();
+    tenants
+}
+
 /// A group, sorted out.
 pub struct Group<'a> {
     verdicts: Vec<Verdict<'a>>,
@@ -114,11 +127,11 @@ fn over(quota: Quota, queued: i64, bytes: i64) -> Option<&'static str> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::jobs::Progress;
 
-    fn new(tenant: &str, key: Option<(&str, &str)>, queued: i64) -> NewJob {
+    pub fn new(tenant: &str, key: Option<(&str, &str)>, queued: i64) -> NewJob {
         NewJob {
             tenant: tenant.into(),
             name: None,

@@ -16,7 +16,6 @@ use std::slice::from_ref;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use async_trait::async_trait;
-use futures::future::join_all;
 use tokio::sync::oneshot;
 
 use super::{NewJob, StoreError, Submission};
@@ -25,6 +24,7 @@ use super::{NewJob, StoreError, Submission};
 const MOST: usize = 128;
 
 type Outcome = Result<Submission, StoreError>;
+type Tell = oneshot::Sender<Outcome>;
 
 /// A database in which submissions are entered.
 #[async_trait]
@@ -46,7 +46,7 @@ pub struct Intake<L> {
 
 struct Waiting {
     job: NewJob,
-    tell: oneshot::Sender<Outcome>,
+    tell: Tell,
 }
 
 impl<L: Ledger> Intake<L> {
@@ -74,18 +74,9 @@ impl<L: Ledger> Intake<L> {
         loop {
             let turn = self.ledger.turn().await;
             let (jobs, tells, is_last) = self.taken();
-            let kept = match turn {
-                Ok(turn) => self.ledger.enter(turn, &jobs).await,
-                Err(error) => Err(error),
-            };
-            match kept {
-                Ok(outcomes) => {
-                    for (tell, outcome) in tells.into_iter().zip(outcomes) {
-                        // Its client may have left: the job is accepted.
-                        let _ = tell.send(Ok(outcome));
-                    }
-                }
-                Err(error) => self.apart(jobs, tells, error).await,
+            match turn {
+                Ok(turn) => self.enter(turn, jobs, tells).await,
+                Err(error) => refuse(tells, error),
             }
             if is_last {
                 return;
@@ -93,34 +84,119 @@ impl<L: Ledger> Intake<L> {
         }
     }
 
+    async fn enter(&self, turn: L::Turn, jobs: Vec<NewJob>, tells: Vec<Tell>) {
+        match self.ledger.enter(turn, &jobs).await {
+            Ok(outcomes) => {
+                for (tell, outcome) in tells.into_iter().zip(outcomes) {
+                    // Its client may have left: the job is accepted.
+                    let _ = tell.send(Ok(outcome));
+                }
+            }
+            Err(error) if jobs.len() == 1 => refuse(tells, error),
+            Err(error) => {
+                tracing::debug!(%error, count = jobs.len(), "submissions could not be committed together");
+                self.apart(jobs, tells).await;
+            }
+        }
+    }
+
+    /// Each by itself, after they failed together. Where there is no turn to be had there is none for those behind, either:
+    /// nobody waits for a database once for everyone before him.
+    async fn apart(&self, jobs: Vec<NewJob>, tells: Vec<Tell>) {
+        let mut tells = tells.into_iter();
+        for job in &jobs {
+            let turn = match self.ledger.turn().await {
+                Ok(turn) => turn,
+                Err(error) => return refuse(tells, error),
+            };
+            let outcome = self.ledger.enter(turn, from_ref(job)).await;
+            let outcome = outcome.and_then(|mut own| own.pop().ok_or_else(|| sqlx::Error::RowNotFound.into()));
+            if let Some(tell) = tells.next() {
+                let _ = tell.send(outcome);
+            }
+        }
+    }
+
     /// Those who wait, and whether nobody is left behind. Who has left is not kept.
-    fn taken(&self) -> (Vec<NewJob>, Vec<oneshot::Sender<Outcome>>, bool) {
+    fn taken(&self) -> (Vec<NewJob>, Vec<Tell>, bool) {
         let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
         let count = waiting.len().min(MOST);
         let group = waiting.drain(..count).filter(|one| !one.tell.is_closed()).map(|one| (one.job, one.tell));
         let (jobs, tells) = group.unzip();
         (jobs, tells, waiting.is_empty())
     }
+}
 
-    /// Each by itself, after they failed together.
-    async fn apart(&self, jobs: Vec<NewJob>, mut tells: Vec<oneshot::Sender<Outcome>>, error: StoreError) {
-        if jobs.len() == 1 {
-            if let Some(tell) = tells.pop() {
-                let _ = tell.send(Err(error));
-            }
-            return;
-        }
-        tracing::debug!(%error, count = jobs.len(), "submissions could not be committed together");
-        let alone = jobs.iter().zip(tells).map(|(job, tell)| async move {
-            let outcome = self.alone(job).await;
-            let _ = tell.send(outcome);
-        });
-        join_all(alone).await;
+/// Tells all of them that nothing of theirs was kept. An error is one's own; the others hear that the database did not answer.
+fn refuse(tells: impl IntoIterator<Item = Tell>, error: StoreError) {
+    let mut error = Some(error);
+    for tell in tells {
+        let _ = tell.send(Err(error.take().unwrap_or_else(|| sqlx::Error::PoolTimedOut.into())));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    use std::time::Duration;
+
+    use futures::future::join_all;
+
+    use super::group::tests::new;
+    use super::*;
+
+    /// Takes nothing of a group in which somebody is called bad; with `closed` it gives no turns.
+    #[derive(Default)]
+    struct Fake {
+        closed: bool,
+        turns: AtomicUsize,
     }
 
-    async fn alone(&self, job: &NewJob) -> Outcome {
-        let turn = self.ledger.turn().await?;
-        let outcome = self.ledger.enter(turn, from_ref(job)).await?.pop();
-        outcome.ok_or_else(|| sqlx::Error::RowNotFound.into())
+    #[async_trait]
+    impl Ledger for Arc<Fake> {
+        type Turn = ();
+
+        async fn turn(&self) -> Result<(), StoreError> {
+            self.turns.fetch_add(1, Ordering::Relaxed);
+            // Others come meanwhile.
+            tokio::time::sleep(Duration::from_millis(20)).await;
+            if self.closed { Err(sqlx::Error::PoolTimedOut.into()) } else { Ok(()) }
+        }
+
+        async fn enter(&self, _: (), group: &[NewJob]) -> Result<Vec<Submission>, StoreError> {
+            match group.iter().any(|new| new.tenant == "bad") {
+                true => Err(sqlx::Error::RowNotFound.into()),
+                false => Ok(group.iter().map(|_| Submission::KeyReused).collect()),
+            }
+        }
+    }
+
+    async fn outcomes(ledger: &Arc<Fake>, tenants: &[&str]) -> Vec<bool> {
+        let intake = Intake::new(ledger.clone());
+        let submit = |tenant: &&str| {
+            let (intake, job) = (intake.clone(), new(tenant, None, 9));
+            async move { intake.submit(job).await.is_ok() }
+        };
+        join_all(tenants.iter().map(submit)).await
+    }
+
+    #[tokio::test]
+    async fn who_comes_together_is_entered_together() {
+        let ledger = Arc::new(Fake::default());
+        assert_eq!(outcomes(&ledger, &["a"; 50]).await, [true; 50]);
+        assert_eq!(ledger.turns.load(Ordering::Relaxed), 1);
+    }
+
+    #[tokio::test]
+    async fn who_cannot_be_kept_fails_by_itself() {
+        let ledger = Arc::new(Fake::default());
+        assert_eq!(outcomes(&ledger, &["a", "bad", "a", "b"]).await, [true, false, true, true]);
+    }
+
+    #[tokio::test]
+    async fn nobody_waits_for_a_database_that_is_away_once_for_each_before_him() {
+        let ledger = Arc::new(Fake { closed: true, ..Fake::default() });
+        assert_eq!(outcomes(&ledger, &["a"; 50]).await, [false; 50]);
+        assert_eq!(ledger.turns.load(Ordering::Relaxed), 1);
     }
 }

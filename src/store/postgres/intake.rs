@@ -1,8 +1,8 @@
 //! Groups of submissions: three statements for a group as for one job, of which the last commits by itself.
 //!
 //! Any number of processes submit at once. A key that another brought in this moment breaks the whole statement, and its
-//! group is entered one by one ([`crate::store::intake`]); a single submission looks again. Rows go in by tenant and priority, so that two
-//! groups never wait for each other's lanes.
+//! group is entered one by one ([`crate::store::intake`]); a single submission looks again. Rows go in by tenant and
+//! priority, so that two groups never wait for each other's lanes.
 
 use std::sync::Arc;
 
@@ -10,17 +10,14 @@ use async_trait::async_trait;
 use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgConnection, PgPool, PgRow};
 use sqlx::{AssertSqlSafe, Connection, Postgres};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::{Mutex, OwnedMutexGuard};
 
 use super::rows::{self, JOB, LEASE};
 use crate::jobs::Job;
 use crate::store::intake::Ledger;
-use crate::store::intake::group::{Group, Held, Known};
+use crate::store::intake::group::{self, Group, Held, Known};
 use crate::store::{NewJob, StoreError, Submission};
 
-/// Groups under way at once from this process. A second would begin sooner, and both would be smaller: a group of ten costs the
-/// database little more than one of five.
-const TURNS: usize = 1;
 /// A quota is exact as long as no more submissions of a tenant than this are under way at once: so near to it they queue.
 const MARGIN: i64 = 1024;
 /// How often a submission looks again whether another brought its key first.
@@ -36,30 +33,32 @@ const QUOTA_LOCK: &str = "SELECT pg_advisory_xact_lock(key) FROM \
 const INSERT: &str = "WITH clock AS MATERIALIZED (SELECT now_ms() AS at), \
      new AS MATERIALIZED (SELECT * FROM unnest($1::text[], $2::text[], $3::text[], $4::text[], $5::text[], $6::text[], \
              $7::int[], $8::text[], $9::bigint[], $10::text[], $11::bytea[], $12::text[], $13::text[]) \
-         AS new (id, tenant, name, labels, progress, message, priority, retry_of, seconds, traceparent, request, key, body)), \
+         AS new (id, tenant, name, labels, progress, message, priority, retry_of, within, traceparent, request, key, body)), \
      keyed AS (INSERT INTO idempotency_keys (tenant, key, body, job_id) \
                SELECT tenant, key, body, id FROM new WHERE key IS NOT NULL ORDER BY tenant, key), \
      kept AS (INSERT INTO requests (job_id, request) SELECT id, request FROM new), \
      j AS (INSERT INTO jobs (id, tenant, name, labels, status, progress, message, priority, retry_of, deadline, \
                              traceparent, created, updated) \
-           SELECT id, tenant, name, labels, 'accepted', progress, message, priority, retry_of, at + seconds, traceparent, at, at \
+           SELECT id, tenant, name, labels, 'accepted', progress, message, priority, retry_of, at + within, traceparent, at, at \
            FROM new, clock ORDER BY tenant, priority, id RETURNING *) SELECT ";
 
 /// The database, as submissions see it.
 pub(super) struct PostgresLedger {
     pool: PgPool,
-    turns: Arc<Semaphore>,
+    /// One group at a time from this process. Two would begin sooner and be smaller: one of ten costs the database little more
+    /// than one of five.
+    one: Arc<Mutex<()>>,
 }
 
 /// A connection, and the right to hold it.
 pub(super) struct Turn {
     connection: PoolConnection<Postgres>,
-    _turn: OwnedSemaphorePermit,
+    _one: OwnedMutexGuard<()>,
 }
 
 impl PostgresLedger {
     pub fn new(pool: PgPool) -> Self {
-        Self { pool, turns: Arc::new(Semaphore::new(TURNS)) }
+        Self { pool, one: Arc::default() }
     }
 }
 
@@ -68,9 +67,8 @@ impl Ledger for PostgresLedger {
     type Turn = Turn;
 
     async fn turn(&self) -> Result<Turn, StoreError> {
-        // Nobody closes it.
-        let turn = self.turns.clone().acquire_owned().await.map_err(|_| sqlx::Error::PoolClosed)?;
-        Ok(Turn { connection: self.pool.acquire().await?, _turn: turn })
+        let one = self.one.clone().lock_owned().await;
+        Ok(Turn { connection: self.pool.acquire().await?, _one: one })
     }
 
     async fn enter(&self, mut turn: Turn, group: &[NewJob]) -> Result<Vec<Submission>, StoreError> {
@@ -101,8 +99,7 @@ async fn enter(connection: &mut PgConnection, group: &[NewJob]) -> Result<Vec<Su
 }
 
 async fn known(connection: &mut PgConnection, group: &[NewJob]) -> Result<Known, StoreError> {
-    let asked = group.iter().filter_map(|new| Some((&new.tenant[..], &new.idempotency.as_ref()?.0[..])));
-    let (tenants, keys): (Vec<&str>, Vec<&str>) = asked.unzip();
+    let (tenants, keys): (Vec<&str>, Vec<&str>) = group::keys(group).into_iter().unzip();
     let mut known = Known::new();
     if keys.is_empty() {
         return Ok(known);
@@ -122,9 +119,7 @@ async fn known(connection: &mut PgConnection, group: &[NewJob]) -> Result<Known,
 
 /// How many jobs of each tenant wait, and the bytes of its maps.
 async fn held(connection: &mut PgConnection, group: &[NewJob]) -> Result<Held, StoreError> {
-    let mut tenants: Vec<&str> = group.iter().filter(|new| new.quota.is_some()).map(|new| &new.tenant[..]).collect();
-    tenants.sort_unstable();
-    tenants.dedup();
+    let tenants = group::counted(group);
     if tenants.is_empty() {
         return Ok(Held::new());
     }
@@ -154,13 +149,11 @@ async fn write(connection: &mut PgConnection, group: Group<'_>) -> Result<Vec<Su
     let (ids, new): (Vec<&str>, Vec<&NewJob>) = group.new_jobs().unzip();
     let key = |new: &&NewJob| new.idempotency.as_ref().map(|(key, _)| key.clone());
     let body = |new: &&NewJob| new.idempotency.as_ref().map(|(_, body)| body.clone());
-    // The sum of a time and nothing is nothing.
-    let seconds = |new: &&NewJob| new.deadline_seconds.map(|seconds| (seconds * 1000.0) as i64);
     let insert = sqlx::query(AssertSqlSafe(format!("{INSERT}{JOB} FROM j{LEASE}")));
     let insert = insert.bind(&ids).bind(column(&new, |new| new.tenant.clone()));
     let insert = insert.bind(column(&new, |new| new.name.clone())).bind(labels).bind(progress);
     let insert = insert.bind(column(&new, |new| new.message.clone())).bind(column(&new, |new| new.priority));
-    let insert = insert.bind(column(&new, |new| new.retry_of.clone())).bind(column(&new, seconds));
+    let insert = insert.bind(column(&new, |new| new.retry_of.clone())).bind(column(&new, |new| new.deadline()));
     let insert = insert.bind(column(&new, |new| new.traceparent.clone())).bind(column(&new, |new| &new.request[..]));
     let insert = insert.bind(column(&new, key)).bind(column(&new, body));
     // All rows, though there may be one: only then is the commit known of.

@@ -9,7 +9,7 @@ use super::now;
 use super::rows::{self, JOB};
 use crate::jobs::Job;
 use crate::store::intake::Ledger;
-use crate::store::intake::group::{Group, Held, Known};
+use crate::store::intake::group::{self, Group, Held, Known};
 use crate::store::{NewJob, StoreError, Submission};
 
 const KNOWN_KEYS: &str = "SELECT k.tenant, k.key, k.body, k.job_id FROM json_each(?) AS asked \
@@ -44,8 +44,7 @@ impl Ledger for SqliteLedger {
 }
 
 async fn known(tx: &mut Transacted, group: &[NewJob]) -> Result<Known, StoreError> {
-    let asked = group.iter().filter_map(|new| Some([&new.tenant, &new.idempotency.as_ref()?.0]));
-    let asked: Vec<[&String; 2]> = asked.collect();
+    let asked = group::keys(group);
     let mut known = Known::new();
     if asked.is_empty() {
         return Ok(known);
@@ -62,9 +61,7 @@ async fn known(tx: &mut Transacted, group: &[NewJob]) -> Result<Known, StoreErro
 }
 
 async fn held(tx: &mut Transacted, group: &[NewJob]) -> Result<Held, StoreError> {
-    let mut tenants: Vec<&String> = group.iter().filter(|new| new.quota.is_some()).map(|new| &new.tenant).collect();
-    tenants.sort_unstable();
-    tenants.dedup();
+    let tenants = group::counted(group);
     if tenants.is_empty() {
         return Ok(Held::new());
     }
@@ -82,9 +79,7 @@ async fn write(tx: &mut Transacted, group: &Group<'_>) -> Result<Vec<Job>, Store
     insert.push_values(rows, |mut row, (id, new, labels, progress)| {
         row.push_bind(id).push_bind(&new.tenant).push_bind(&new.name).push_bind(labels).push("'accepted'");
         row.push_bind(progress).push_bind(&new.message).push_bind(new.priority).push_bind(&new.retry_of);
-        // The sum of a time and nothing is nothing.
-        let deadline = new.deadline_seconds.map(|seconds| (seconds * 1000.0) as i64);
-        row.push_bind(&new.traceparent).push(concat!(now!(), " + ")).push_bind_unseparated(deadline);
+        row.push_bind(&new.traceparent).push(concat!(now!(), " + ")).push_bind_unseparated(new.deadline());
         row.push(now!()).push(now!());
     });
     insert.push(" RETURNING ").push(JOB);
