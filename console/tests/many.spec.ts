@@ -60,7 +60,8 @@ test("five thousand jobs are listed and filtered without a stall", async ({ page
       await expect(page.locator(".job .label").filter({ hasNotText: "site:s3" })).toHaveCount(0);
       const longest = await longestTask(page);
       await page.goto(page.url().replace(/#.*/, "#/jobs"));
-      await expect(page.locator(".chip").first()).not.toHaveText("cancelled");
+      // Jobs sent at the same moment have no order, so any of them may stand first: a page has both kinds.
+      await expect(page.locator(".chip").filter({ hasNotText: "cancelled" })).not.toHaveCount(0);
       return longest;
     };
     // A busy machine interrupts anything now and then; what is slow itself is slow each time.
