@@ -24,6 +24,8 @@
 //! S21 = Z22 dM - S22 M,  S11 = W G11 W + dM^T Z21 - M^T S21
 //! ```
 
+use std::ops::Range;
+
 use faer::sparse::linalg::cholesky::supernodal::SupernodalLltRef;
 use faer::{Mat, MatMut, MatRef};
 
@@ -39,13 +41,15 @@ use super::walk::{Front, down, up};
 pub fn selected_inverse(cholesky: &Cholesky, go_on: &dyn Fn(f64) -> bool) -> Result<SystemMatrix, SparseError> {
     let shape = cholesky.shape()?;
     let factor = cholesky.supernodes(shape);
-    let mut z = vec![0.0; shape.symbolic.len_val()];
-    down(shape, [&mut z], cholesky.team(), go_on, |s, [z22], [own], team| {
+    let entries = Entries::of(cholesky, shape);
+    let visit = |s: usize, [z22]: [Mat<f64>; 1], [own]: [&mut [f64]; 1], team: &Team| {
         let pivot = Pivot::of(factor, s, team);
         let (z21, z11) = inverse_blocks(&pivot, z22.as_ref(), team);
         store(own, z11.as_ref(), z21.as_ref());
-    })?;
-    Ok(on_pattern(cholesky, &z))
+    };
+    let kept = down(shape, cholesky.team(), go_on, visit, |supernodes, values| entries.among(supernodes, values))?;
+    let [z] = entries.together(kept);
+    Ok(z)
 }
 
 /// The entries of `H^-1` and of `H^-1 G H^-1` on the pattern, in that order. `go_on` is told how far it is and says
@@ -59,9 +63,8 @@ pub fn selected_sandwich(
     let factor = cholesky.supernodes(shape);
     let eliminated = eliminate_derivative(cholesky, g, &|share| go_on(SHARE_OF_ELIMINATION * share))?;
     let rest = |share| go_on(SHARE_OF_ELIMINATION + (1.0 - SHARE_OF_ELIMINATION) * share);
-    let length = shape.symbolic.len_val();
-    let (mut z, mut sandwich) = (vec![0.0; length], vec![0.0; length]);
-    down(shape, [&mut z, &mut sandwich], cholesky.team(), &rest, |s, [z22, s22], [own_z, own_s], team| {
+    let entries = Entries::of(cholesky, shape);
+    let visit = |s: usize, [z22, s22]: [Mat<f64>; 2], [own_z, own_s]: [&mut [f64]; 2], team: &Team| {
         let pivot = Pivot::of(factor, s, team);
         let (z21, z11) = inverse_blocks(&pivot, z22.as_ref(), team);
 
@@ -79,9 +82,11 @@ pub fn selected_sandwich(
 
         store(own_z, z11.as_ref(), z21.as_ref());
         store(own_s, s11.as_ref(), s21.as_ref());
-    })?;
+    };
+    let kept = down(shape, cholesky.team(), &rest, visit, |supernodes, values| entries.among(supernodes, values))?;
     drop(eliminated);
-    Ok((on_pattern(cholesky, &z), on_pattern(cholesky, &sandwich)))
+    let [z, sandwich] = entries.together(kept);
+    Ok((z, sandwich))
 }
 
 /// A supernode's `M = L21 L11^-1` and `W = (L11 L11^T)^-1`.
@@ -157,14 +162,63 @@ fn store(panel: &mut [f64], pivot: MatRef<'_, f64>, below: MatRef<'_, f64>) {
     bottom.copy_from(below);
 }
 
-/// The entries on a system's own pattern, which the factor's contains.
-fn on_pattern(cholesky: &Cholesky, values: &[f64]) -> SystemMatrix {
-    let pattern = cholesky.pattern();
-    let mut matrix = SystemMatrix::zeros(pattern.clone());
-    for ((_, _, source), &at) in pattern.entries().zip(cholesky.addresses()) {
-        matrix.set(source, values[at as usize]);
+/// The entries on a system's own pattern, which the factor's contains, by who holds them: the branches in their order,
+/// then each supernode of the top.
+struct Entries<'a> {
+    cholesky: &'a Cholesky,
+    shape: Shape<'a>,
+    /// The first supernode and the addresses of each holder.
+    holders: Vec<(usize, Range<usize>)>,
+    /// By holder, in the pattern's order.
+    addresses: Vec<Vec<u32>>,
+}
+
+impl<'a> Entries<'a> {
+    fn of(cholesky: &'a Cholesky, shape: Shape<'a>) -> Self {
+        let branches = shape.tree.branches().iter().cloned();
+        let holders = branches.chain(shape.tree.top().iter().map(|&s| s..s + 1));
+        let holders: Vec<_> = holders.map(|own| (own.start, shape.span(own))).collect();
+        let mut entries = Self { cholesky, shape, addresses: vec![Vec::new(); holders.len()], holders };
+        let mut addresses = std::mem::take(&mut entries.addresses);
+        entries.each(|holder, address| addresses[holder].push(address));
+        Self { addresses, ..entries }
     }
-    matrix
+
+    /// Tells every entry's holder and address, in the pattern's order.
+    fn each(&self, mut told: impl FnMut(usize, u32)) {
+        let mut order: Vec<usize> = (0..self.holders.len()).collect();
+        order.sort_by_key(|&holder| self.holders[holder].1.start);
+        let mut last = 0;
+        for &address in self.cholesky.addresses() {
+            let at = address as usize;
+            if !self.holders.get(last).is_some_and(|(_, span)| span.contains(&at)) {
+                let after = order.partition_point(|&holder| self.holders[holder].1.start <= at);
+                last = order[after.saturating_sub(1)];
+            }
+            told(last, address);
+        }
+    }
+
+    /// What a holder has of them, of several matrices.
+    fn among<const K: usize>(&self, supernodes: Range<usize>, values: [&[f64]; K]) -> Vec<[f64; K]> {
+        let first = self.shape.span(supernodes.clone()).start;
+        let holder = self.holders.iter().position(|(start, _)| *start == supernodes.start);
+        let addresses = holder.map_or(&[][..], |holder| &self.addresses[holder]);
+        addresses.iter().map(|&address| values.map(|own| own[address as usize - first])).collect()
+    }
+
+    /// The matrices, of what all holders have.
+    fn together<const K: usize>(&self, kept: Vec<Vec<[f64; K]>>) -> [SystemMatrix; K] {
+        let pattern = self.cholesky.pattern();
+        let mut matrices = std::array::from_fn(|_| SystemMatrix::zeros(pattern.clone()));
+        let mut own: Vec<_> = kept.iter().map(|values| values.iter()).collect();
+        let mut sources = pattern.entries().map(|(_, _, source)| source);
+        self.each(|holder, _| {
+            let (Some(source), Some(values)) = (sources.next(), own[holder].next()) else { return };
+            matrices.iter_mut().zip(values).for_each(|(matrix, value)| matrix.set(source, *value));
+        });
+        matrices
+    }
 }
 
 #[cfg(test)]

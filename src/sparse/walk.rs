@@ -117,31 +117,33 @@ pub(super) fn up(
 }
 
 /// Visits every supernode before its children, with the matrices between the rows below it and its panels, of `K`
-/// matrices at once. `go_on` as in [`up`].
-pub(super) fn down<const K: usize>(
+/// matrices at once, which begin at zero. What is not asked for again is not held: nobody but a branch itself reads its
+/// panels, so they are let go once `keep` has taken what it wants of them. It is asked for the branches in their order,
+/// then for each supernode of the top. `go_on` as in [`up`].
+pub(super) fn down<const K: usize, R: Send>(
     shape: Shape<'_>,
-    values: [&mut [f64]; K],
     team: &Team,
     go_on: &dyn Fn(f64) -> bool,
     visit: impl Fn(usize, [Mat<f64>; K], [&mut [f64]; K], &Team) + Sync,
-) -> Result<(), SparseError> {
+    keep: impl Fn(Range<usize>, [&[f64]; K]) -> R + Sync,
+) -> Result<Vec<R>, SparseError> {
     let pace = Pace::of(shape.whole_work());
-    let mut values = values;
-    for &s in shape.tree.top().iter().rev() {
-        let trailing = values.each_ref().map(|own| shape.trailing(s, |t| &own[shape.span(t..t + 1)]));
-        visit(s, trailing, values.each_mut().map(|own| &mut own[shape.span(s..s + 1)]), team);
+    let zeros = |supernodes: Range<usize>| -> [Vec<f64>; K] {
+        std::array::from_fn(|_| vec![0.0; shape.span(supernodes.clone()).len()])
+    };
+    let list = shape.tree.top();
+    let mut top: Vec<[Vec<f64>; K]> = list.iter().map(|&s| zeros(s..s + 1)).collect();
+    for (at, &s) in list.iter().enumerate().rev() {
+        let (below, above) = top.split_at_mut(at + 1);
+        let of_top = |t: usize, k: usize| list[at + 1..].binary_search(&t).map_or(&[][..], |t| &above[t][k][..]);
+        let trailing = std::array::from_fn(|k| shape.trailing(s, |t| of_top(t, k)));
+        visit(s, trailing, below[at].each_mut().map(|own| &mut own[..]), team);
         pace.step(shape.work(s))?;
         pace.ask_at_times(go_on)?;
     }
-    let cuts = values.map(|own| Cut::of(shape, own));
-    let mut branches = shape.tree.branches().iter().map(|range| (range.clone(), Vec::new())).collect::<Vec<_>>();
-    let mut top: Vec<Vec<&[f64]>> = Vec::new();
-    for cut in cuts {
-        branches.iter_mut().zip(cut.branches).for_each(|((_, own), values)| own.push(values));
-        top.push(cut.top.into_iter().map(|own| &*own).collect());
-    }
     let alone = Team::default();
-    let done = team.each_at_pace(branches, &pace, go_on, |(branch, mut own): (Range<usize>, Vec<&mut [f64]>)| {
+    let mut kept = team.each_at_pace(shape.tree.branches().to_vec(), &pace, go_on, |branch: Range<usize>| {
+        let mut own = zeros(branch.clone());
         let first = shape.span(branch.clone()).start;
         let within = |s: usize| {
             let span = shape.span(s..s + 1);
@@ -151,15 +153,14 @@ pub(super) fn down<const K: usize>(
             let trailing = std::array::from_fn(|k| {
                 shape.trailing(s, |t| match branch.contains(&t) {
                     true => &own[k][within(t)],
-                    false => shape.tree.top().binary_search(&t).map_or(&[][..], |at| top[k][at]),
+                    false => list.binary_search(&t).map_or(&[][..], |at| &top[at][k]),
                 })
             });
-            let mut panels = own.iter_mut();
-            let panels = std::array::from_fn(|_| panels.next().map_or(&mut [][..], |own| &mut own[within(s)]));
-            visit(s, trailing, panels, &alone);
+            visit(s, trailing, own.each_mut().map(|own| &mut own[within(s)]), &alone);
             pace.step(shape.work(s))?;
         }
-        Ok(())
-    });
-    done.map(|_| ())
+        Ok(keep(branch, own.each_ref().map(|own| &own[..])))
+    })?;
+    kept.extend(list.iter().zip(&top).map(|(&s, own)| keep(s..s + 1, own.each_ref().map(|own| &own[..]))));
+    Ok(kept)
 }
