@@ -15,6 +15,7 @@ use nalgebra::{DMatrix, DVector};
 use super::LocalizeError;
 use super::descent::{Agreement, Course};
 use crate::map::{FittedMap, STRAY};
+use crate::sparse::Team;
 use crate::uncertainty::{Joint, Kind};
 
 /// The covariances of courses' poses, three unknowns a scan; `None` where they are not determined. What the map's factor is
@@ -27,7 +28,7 @@ pub fn covariances(
     go_on: &dyn Fn() -> bool,
 ) -> Result<Vec<Option<DMatrix<f64>>>, LocalizeError> {
     let columns: Vec<_> = courses.iter().flat_map(|course| coefficients_by_pose(map, &course.fits)).collect();
-    let forms = joint.forms(kind, &columns, go_on)?;
+    let forms = joint.forms(kind, &columns, &Team::alone(), go_on)?;
     let stray = (STRAY * map.lattice().resolution).powi(2);
     let mut first = 0;
     let own = |course: &&Course| {

@@ -9,6 +9,7 @@
 
 pub mod dissection;
 
+mod ascent;
 mod block;
 mod cholesky;
 mod dense;

@@ -7,7 +7,7 @@ use super::marginals::input_covariance;
 use super::modes::Modes;
 use super::{Kind, UncertaintyError};
 use crate::fit::{Estimate, Factor};
-use crate::sparse::{Of, Paths};
+use crate::sparse::{Of, Paths, Team};
 
 /// Gives any dense block of either covariance; see the module.
 pub struct Joint {
@@ -50,8 +50,14 @@ impl Joint {
 
     /// The covariance between coefficients (by their index, x set before y set), each named once: row-major, square
     /// metres. `go_on` says whether to go on.
-    pub fn block(&self, kind: Kind, points: &[usize], go_on: &dyn Fn() -> bool) -> Result<Vec<f64>, UncertaintyError> {
-        self.forms(kind, &units(points), go_on)
+    pub fn block(
+        &self,
+        kind: Kind,
+        points: &[usize],
+        team: &Team,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Vec<f64>, UncertaintyError> {
+        self.forms(kind, &units(points), team, go_on)
     }
 
     /// The covariance between weighted sums of coefficients, (index, weight) each: row-major. `go_on` says whether to go on.
@@ -59,13 +65,14 @@ impl Joint {
         &self,
         kind: Kind,
         columns: &[C],
+        team: &Team,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Vec<f64>, UncertaintyError> {
         let (of, factor) = match kind {
             Kind::Propagated => (Of::Sandwich, 1.0),
             Kind::Posterior => (Of::Inverse, 2.0),
         };
-        let pinned = self.paths.forms(columns, of, go_on)?;
+        let pinned = self.paths.forms(columns, of, team, go_on)?;
         let moved = self.modes.forms(kind, columns);
         let m = columns.len();
         Ok((0..m * m).map(|k| factor * pinned[(k / m, k % m)] + moved[(k / m, k % m)]).collect())

@@ -122,13 +122,13 @@ fn check_blocks(estimate: Estimate, n: usize, exact: &[Mat<f64>; 2]) {
         let window: Vec<usize> = (100..120).chain(n - 160..n - 140).rev().collect();
         // All of them, and as few as a scan has unknowns: other kernels.
         for window in [&window[..], &window[18..21]] {
-            let block = joint.block(kind, window, &|| true).unwrap();
+            let block = joint.block(kind, window, &Team::of_this_machine(), &|| true).unwrap();
             for (k, (&p, &q)) in window.iter().flat_map(|p| window.iter().map(move |q| (p, q))).enumerate() {
                 let scale = (exact[(p, p)] * exact[(q, q)]).sqrt();
                 assert!((block[k] - exact[(p, q)]).abs() <= WITHIN * scale, "{kind:?} block ({p}, {q})");
             }
         }
-        assert!(joint.block(kind, &window, &|| false).is_err(), "asked whether to go on");
+        assert!(joint.block(kind, &window, &Team::alone(), &|| false).is_err(), "asked whether to go on");
     }
 }
 

@@ -18,6 +18,7 @@ use crate::http::shared::problem::{Problem, Refused, to_json};
 use crate::map::FittedMap;
 use crate::map::npz::NpzWriter;
 use crate::map::{factors_npz, on_lattice_npz, scipy_sparse};
+use crate::sparse::Team;
 use crate::spline::Lattice;
 use crate::uncertainty::{Joint, Kind};
 
@@ -189,7 +190,7 @@ fn dense(
     format: Format,
 ) -> Result<Vec<u8>, Problem> {
     let n = points.len();
-    let mut matrix = joint.block(kind, points, &|| leash.holds())?;
+    let mut matrix = joint.block(kind, points, &Team::of_this_machine(), &|| leash.holds())?;
     let stencil = map.field.stencil();
     let unused = |k: usize| !stencil.is_active(points[k] % stencil.dimension());
     (0..n * n).filter(|k| unused(k / n) || unused(k % n)).for_each(|k| matrix[k] = f64::NAN);
