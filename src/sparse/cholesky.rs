@@ -70,7 +70,7 @@ impl Cholesky {
         )
         .map_err(|error| setup(&error))?;
         if symbolic.len_val() > LARGEST_FACTOR {
-            return Err(SparseError::TooLarge { entries: symbolic.len_val(), limit: LARGEST_FACTOR });
+            return Err(SparseError::TooMuchFill { entries: symbolic.len_val(), limit: LARGEST_FACTOR });
         }
         let need = symbolic.solve_in_place_scratch::<f64>(1, Par::Seq);
         let scratch = MemBuffer::try_new(need).map_err(|error| setup(&error))?;

@@ -2,8 +2,10 @@
 
 use thiserror::Error;
 
-/// Entries of a factor at most: 2 GB, of which a covariance takes four times as much.
-pub(super) const LARGEST_FACTOR: usize = 250_000_000;
+/// Entries of a factor at most: their addresses are of 32 bits. What fits into memory is the caller's to know (`map::cost`).
+pub(super) const LARGEST_FACTOR: usize = u32::MAX as usize;
+/// Entries between poses that see one place, at most: 2 GB for what is no larger map, but a crowd of scans.
+pub(super) const LARGEST_CLIQUE: usize = 250_000_000;
 
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum SparseError {
@@ -18,6 +20,11 @@ pub enum SparseError {
          scans (every second one, say), or a smaller area, would help"
     )]
     TooLarge { entries: usize, limit: usize },
+    #[error(
+        "the map is too large to be fitted as one: its factor would have {entries} entries, the limit is {limit}. A \
+         coarser resolution, or a smaller area, would help"
+    )]
+    TooMuchFill { entries: usize, limit: usize },
     #[error("a linear solve left a residual of {residual:.1e} relative to its right-hand side")]
     Residual { residual: f64 },
 }

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use faer::sparse::SymbolicSparseColMatRef;
 
 use super::dissection::{Census, Step, order};
-use super::error::{LARGEST_FACTOR, SparseError};
+use super::error::{LARGEST_CLIQUE, SparseError};
 use super::stencil::Stencil;
 
 /// Entries between poses and control points at most.
@@ -79,8 +79,8 @@ impl Views {
         self.points.iter().for_each(|&point| seen_by[point] += 1);
         let most = seen_by.into_iter().max().unwrap_or(0);
         let clique = (3 * most).saturating_mul(3 * most) / 2;
-        match clique > LARGEST_FACTOR {
-            true => Err(SparseError::TooLarge { entries: clique, limit: LARGEST_FACTOR }),
+        match clique > LARGEST_CLIQUE {
+            true => Err(SparseError::TooLarge { entries: clique, limit: LARGEST_CLIQUE }),
             false => Ok(()),
         }
     }

@@ -1,0 +1,78 @@
+//! What a factorisation is made of, as pieces of work and what they hand on: what a plan of who does which is made from.
+//!
+//! A branch of the elimination tree is one task, as it is one thread's; above the branches every supernode is one. A task
+//! needs what its children hand on, the update between the rows below them (Duff and Reid 1983), and nothing else.
+
+use super::cholesky::Cholesky;
+use super::error::SparseError;
+use super::tree::Shape;
+
+/// A branch, or a supernode above the branches.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Task {
+    /// Multiply-adds, about.
+    pub work: f64,
+    /// Entries of its part of the factor.
+    pub entries: usize,
+    /// Entries of the updates that it hands on: lower triangles.
+    pub update: usize,
+    /// The tasks that need what it hands on; ascending, all later than itself.
+    pub needed_by: Vec<usize>,
+    /// Whether it is a branch.
+    pub branch: bool,
+}
+
+impl Cholesky {
+    /// The tasks of a factorisation, children before parents.
+    pub fn tasks(&self) -> Result<Vec<Task>, SparseError> {
+        let shape = self.shape()?;
+        let tree = shape.tree;
+        let branches = tree.branches().iter().map(|range| (range.clone(), true));
+        let mut groups: Vec<_> = branches.chain(tree.top().iter().map(|&s| (s..s + 1, false))).collect();
+        groups.sort_by_key(|(range, _)| range.start);
+        let task_of = |s: usize| groups.partition_point(|(range, _)| range.start <= s) - 1;
+        let tasks = groups.iter().map(|(range, branch)| {
+            let parents = range.clone().filter_map(|s| Some((s, parent(shape, s)?)));
+            let handed: Vec<_> = parents.filter(|(_, parent)| !range.contains(parent)).collect();
+            let mut needed_by: Vec<usize> = handed.iter().map(|(_, parent)| task_of(*parent)).collect();
+            needed_by.dedup();
+            Task {
+                work: range.clone().map(|s| shape.work(s)).sum(),
+                entries: shape.span(range.clone()).len(),
+                update: handed.iter().map(|(s, _)| shape.below(*s).len() * (shape.below(*s).len() + 1) / 2).sum(),
+                needed_by,
+                branch: *branch,
+            }
+        });
+        Ok(tasks.collect())
+    }
+}
+
+/// Who takes a supernode's update: the owner of the first row below it.
+fn parent(shape: Shape<'_>, s: usize) -> Option<usize> {
+    shape.below(s).first().map(|&step| shape.tree.owner()[step])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::cholesky::tests::random_spd;
+    use super::*;
+    use crate::sparse::Pattern;
+
+    #[test]
+    fn tasks_are_all_of_the_factor_and_hand_on_upwards() {
+        let matrix = random_spd([90, 70], 2);
+        let cholesky = Cholesky::analyse(&Pattern::of_stencil(matrix.stencil())).unwrap();
+        let tasks = cholesky.tasks().unwrap();
+        assert_eq!(tasks.iter().map(|task| task.entries).sum::<usize>(), cholesky.fill());
+        let shape = cholesky.shape().unwrap();
+        let work: f64 = tasks.iter().map(|task| task.work).sum();
+        assert!((work / shape.whole_work() - 1.0).abs() < 1e-12);
+        assert_eq!(tasks.iter().filter(|task| task.branch).count(), shape.tree.branches().len());
+        for (k, task) in tasks.iter().enumerate() {
+            assert!(task.needed_by.iter().all(|&parent| parent > k && !tasks[parent].branch));
+            assert_eq!(task.update == 0, task.needed_by.is_empty());
+        }
+        assert_eq!(tasks.last().unwrap().update, 0);
+    }
+}
