@@ -145,7 +145,7 @@ again = call("retry_job", 202, job.id)
 assert str(again.retry_of) == str(job.id)
 ended(again)
 
-# A fit of seconds, given up as soon as it was asked for. One that has ended can only be forgotten, once its map is gone.
+# A fit of seconds, given up as soon as it was asked for. One that has ended can only be forgotten, without its map.
 fine = models.JobRequest.from_dict({**wanted.to_dict(), "map": {"distance": "sdf", "resolution": 0.02}})
 given_up = call("cancel_job", 200, call("submit_job", 202, body=fine).id)
 assert given_up.status == models.JobStatus.DISMISSED, given_up

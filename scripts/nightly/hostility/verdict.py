@@ -26,8 +26,8 @@ LOAD = (
     "the service holds as many bytes of requests as it may",
     "the service is busy",
 )
-# What differs between two requests of one route: ids, and everything after the question mark.
-IDS = re.compile(r"[0-9a-f]{8}-[0-9a-f-]{27}|\?.*$")
+# What differs between two requests of one route, beside what follows the question mark.
+IDS = re.compile(r"[0-9a-f]{8}-[0-9a-f-]{27}")
 
 
 @dataclass
@@ -53,7 +53,7 @@ class Verdicts:
         the name does."""
         self.statuses[answer.status] += 1
         if answer.status == 503:
-            self._judge_later(name, answer, IDS.sub("", route or name))
+            self._judge_later(name, answer, IDS.sub("{id}", (route or name).partition("?")[0]))
         elif answer.status >= 500:
             self.fail(f"{name}: {answer.status} {answer.body[:300]!r}")
         elif answer.status >= 400 and not is_head and not answer.is_problem():
