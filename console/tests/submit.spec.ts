@@ -2,14 +2,11 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { gzipSync } from "node:zlib";
 import { ask } from "./api";
-import { drop, expect, open, service, test } from "./fixtures";
+import { drop, expect, open, recording, service, test } from "./fixtures";
 import { carmen, room } from "./room";
 
 /** The jobs there are. */
 const count = async () => (await ask<{ items: object[] }>(service(), "GET", "/v1/jobs?limit=1000")).items.length;
-
-/** A recording that the service's own tests read, too. */
-const recording = (name: string) => readFileSync(join(import.meta.dirname, "../../tests/fixtures", name));
 
 test("a job is dropped, drawn, sent and watched to its map", async ({ page }) => {
   await open(page, "#/submit");
