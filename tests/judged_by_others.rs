@@ -116,18 +116,22 @@ fn rasterio_reads_the_rasters_and_a_query_says_the_same() {
 #[test]
 fn the_readmes_numpy_lines_evaluate_a_map() {
     let data = tempfile::tempdir().unwrap();
-    let files = tempfile::tempdir().unwrap();
     let server = Server::start(data.path(), 1);
-    let own = format!("/v1/maps/{}", server.map_of(&small(3)));
-    let save = |name: &str, bytes: &[u8]| std::fs::write(files.path().join(name), bytes).unwrap();
-    save("sdf.npz", &server.get(&format!("{own}/coefficients?format=npz")).body);
-    save("covariance.npz", &server.get(&format!("{own}/covariance?form=sparse")).body);
-    let points: Vec<[f64; 2]> = (0..30).map(|k| [0.31 + 0.23 * f64::from(k), 0.4 + 0.19 * f64::from(k)]).collect();
-    let mut query = server.post(&format!("{own}/query"), &json!({"points": points})).json();
-    query["points"] = json!(points);
-    save("query.json", query.to_string().as_bytes());
-    let readme = concat!(env!("CARGO_MANIFEST_DIR"), "/README.md");
-    judge("readme.py", &[readme, files.path().to_str().unwrap()]);
+    for distance in ["sdf", "vdf"] {
+        let files = tempfile::tempdir().unwrap();
+        let mut request = small(3);
+        request["map"]["distance"] = json!(distance);
+        let own = format!("/v1/maps/{}", server.map_of(&request));
+        let save = |name: &str, bytes: &[u8]| std::fs::write(files.path().join(name), bytes).unwrap();
+        save("sdf.npz", &server.get(&format!("{own}/coefficients?format=npz")).body);
+        save("covariance.npz", &server.get(&format!("{own}/covariance?form=sparse")).body);
+        let points: Vec<[f64; 2]> = (0..30).map(|k| [0.31 + 0.23 * f64::from(k), 0.4 + 0.19 * f64::from(k)]).collect();
+        let mut query = server.post(&format!("{own}/query"), &json!({"points": points})).json();
+        query["points"] = json!(points);
+        save("query.json", query.to_string().as_bytes());
+        let readme = concat!(env!("CARGO_MANIFEST_DIR"), "/README.md");
+        judge("readme.py", &[readme, files.path().to_str().unwrap()]);
+    }
 }
 
 /// The map as a recording: every cell of it, either distance; tagged and refused as its neighbours are.

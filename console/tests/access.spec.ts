@@ -12,6 +12,7 @@ import {
   open,
   openMap,
   otherMap,
+  recording,
   roomMap,
   service,
   submit,
@@ -94,6 +95,51 @@ test("a job and a question are accessible", async ({ page }) => {
   await judge(page);
   await page.getByRole("button", { name: "Cancel the job" }).click();
   await expect(page.locator(".chip")).toHaveText("cancelled");
+  await judge(page);
+});
+
+test("a job that failed, one that succeeded, and one whose connection is lost are accessible", async ({ page }) => {
+  const long = room({ name: "long", scans: 160, beams: 720, resolution: 0.04 });
+  const late = await submit({ ...long, name: "late", deadline_seconds: 0.5 });
+  await open(page, `#/jobs/${late}`);
+  await expect(page.getByRole("alert")).toContainText(/deadline/i);
+  await judge(page);
+  const { job_id } = await ask<{ job_id: string }>(service(), "GET", `/v1/maps/${roomMap()}`);
+  await open(page, `#/jobs/${job_id}`);
+  await expect(page.getByRole("link", { name: /Open map/ })).toBeVisible();
+  await judge(page);
+  const lost = await submit(long);
+  await page.route("**/events", (route) => route.abort());
+  await open(page, `#/jobs/${lost}`);
+  await expect(page.getByText("The connection is lost")).toBeVisible();
+  await judge(page);
+  await ask(service(), "DELETE", `/v1/jobs/${lost}`);
+});
+
+test("what is asked before a place is rolled back or deleted, and a refused publication, are accessible", async ({
+  page,
+}) => {
+  await ask(service(), "PUT", "/v1/places/asked", { map_id: roomMap() });
+  await ask(service(), "PUT", "/v1/places/asked", { map_id: otherMap() });
+  await open(page, "#/places/asked");
+  for (const button of ["Roll back to version 1", "Delete the place"]) {
+    await page.getByRole("button", { name: button }).click();
+    await expect(page.getByRole("dialog")).toBeVisible();
+    await judge(page);
+    await page.keyboard.press("Escape");
+  }
+  await open(page, "#/places");
+  await page.getByLabel("Name").fill("asked");
+  await page.getByRole("button", { name: "Publish" }).click();
+  await expect(page.getByRole("alert")).toBeVisible();
+  await judge(page);
+  await ask(service(), "DELETE", "/v1/places/asked");
+});
+
+test("a recording before it is sent is accessible", async ({ page }) => {
+  await open(page, "#/submit");
+  await drop(page, "drive.mcap", recording("drive-zstd.mcap"));
+  await expect(page.locator(".forecast")).toContainText("476 control points");
   await judge(page);
 });
 

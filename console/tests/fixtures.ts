@@ -1,5 +1,7 @@
 // What every test of the console begins with.
 
+import { readFileSync } from "node:fs";
+import { join } from "node:path";
 import { type Locator, type Page, test as base, expect } from "@playwright/test";
 import { ask } from "./api";
 
@@ -24,6 +26,8 @@ export const test = base.extend<{ failures: string[] }>({
 
 export const service = () => process.env["SERVICE"] as string;
 export const roomMap = () => process.env["ROOM_MAP"] as string;
+/** The same room as a vector map. */
+export const vectorMap = () => process.env["VECTOR_MAP"] as string;
 /** The same room with a piece of wall in its middle. */
 export const otherMap = () => process.env["OTHER_MAP"] as string;
 /** The room's next version. */
@@ -63,6 +67,9 @@ export async function picture(page: Page): Promise<string> {
     before = now;
   }
 }
+
+/** A recording that the service's own tests read, too. */
+export const recording = (name: string) => readFileSync(join(import.meta.dirname, "../../tests/fixtures", name));
 
 export async function submit(job: object): Promise<string> {
   return (await ask<{ id: string }>(service(), "POST", "/v1/jobs", job)).id;

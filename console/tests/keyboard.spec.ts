@@ -2,16 +2,15 @@
 
 import { type Page } from "@playwright/test";
 import { ask } from "./api";
-import { drawn, expect, open, openMap, otherMap, service, submit, tabTo, test } from "./fixtures";
-import { room } from "./room";
+import { drawn, expect, open, openMap, otherMap, recording, service, submit, tabTo, test } from "./fixtures";
+import { carmen, room } from "./room";
 
 /** Chooses a file by keyboard: the field takes focus though the eye sees a button. */
-async function choose(page: Page, name: string, content: object): Promise<void> {
+async function choose(page: Page, name: string, content: string | Buffer): Promise<void> {
   await tabTo(page, page.locator("#file"));
   const chooser = page.waitForEvent("filechooser");
   await page.keyboard.press("Space");
-  const buffer = Buffer.from(JSON.stringify(content));
-  await (await chooser).setFiles({ name, mimeType: "application/json", buffer });
+  await (await chooser).setFiles({ name, mimeType: "application/octet-stream", buffer: Buffer.from(content) });
 }
 
 test("a job is submitted, watched to its map, and the map asked", async ({ page }) => {
@@ -21,7 +20,7 @@ test("a job is submitted, watched to its map, and the map asked", async ({ page 
   await tabTo(page, page.getByRole("link", { name: "Submit", exact: true }));
   await page.keyboard.press("Enter");
   await expect(page.getByRole("heading", { level: 1 })).toBeFocused();
-  await choose(page, "lab.json", room({ name: "by hand" }));
+  await choose(page, "lab.json", JSON.stringify(room({ name: "by hand" })));
   await expect(page.getByLabel("Name")).toBeFocused();
   await tabTo(page, page.getByLabel("Resolution, m"));
   await page.keyboard.press("Control+A");
@@ -41,7 +40,21 @@ test("a job is submitted, watched to its map, and the map asked", async ({ page 
   await expect(page.locator(".answer").first()).not.toContainText("Distance");
 });
 
-test("layers, overlays, ruler, swipe and downloads", async ({ page }) => {
+for (const [name, content, what] of [
+  ["walk.log", carmen, "walk.log: 6 scans, 972 returns"],
+  ["drive.mcap", () => recording("drive-zstd.mcap"), "drive.mcap: 2 scans, 362 returns"],
+] as const) {
+  test(`${name} is chosen and sent`, async ({ page }) => {
+    await open(page, "#/submit");
+    await choose(page, name, content());
+    await expect(page.getByText(what)).toBeVisible();
+    await tabTo(page, page.getByRole("button", { name: "Submit" }));
+    await page.keyboard.press("Enter");
+    await expect(page.locator(".chip")).toHaveText("done");
+  });
+}
+
+test("layers, overlays, ruler and swipe", async ({ page }) => {
   await openMap(page);
   await tabTo(page, page.getByRole("radio", { name: "Ask" }));
   await page.keyboard.press("ArrowRight");
@@ -58,8 +71,10 @@ test("layers, overlays, ruler, swipe and downloads", async ({ page }) => {
   await expect(page.getByText("Length")).toBeHidden();
 
   await tabTo(page, page.getByRole("radio", { name: "Distance" }));
-  await page.keyboard.press("ArrowRight");
-  await expect(page).toHaveURL(/layer=sigma/);
+  for (const layer of ["sigma", "occupancy", "clearance"]) {
+    await page.keyboard.press("ArrowRight");
+    await expect(page).toHaveURL(new RegExp(`layer=${layer}`));
+  }
   await tabTo(page, page.getByRole("radio", { name: "Propagated" }));
   await page.keyboard.press("ArrowRight");
   await expect(page).toHaveURL(/kind=posterior/);
@@ -77,22 +92,32 @@ test("layers, overlays, ruler, swipe and downloads", async ({ page }) => {
   await tabTo(page, page.getByRole("slider", { name: "Edge between the two maps" }));
   await page.keyboard.press("ArrowLeft");
   await expect(page).toHaveURL(/swipe=0.49/);
+});
 
-  const row = page.locator(".downloads li").filter({ hasText: "Poses with covariances" });
-  await tabTo(page, row.getByRole("link"));
-  const download = page.waitForEvent("download");
+test("every download, and its lines", async ({ page }) => {
+  await openMap(page);
+  for (const row of await page.locator(".downloads li").all()) {
+    await tabTo(page, row.getByRole("link"));
+    const download = page.waitForEvent("download");
+    await page.keyboard.press("Enter");
+    await (await download).cancel();
+    await tabTo(page, row.locator("summary"));
+  }
   await page.keyboard.press("Enter");
-  expect((await download).suggestedFilename()).toBe("room-poses.json");
-  await tabTo(page, row.locator("summary"));
-  await page.keyboard.press("Enter");
-  await tabTo(page, row.getByRole("button", { name: /Copy: curl/ }));
+  await tabTo(
+    page,
+    page
+      .locator(".downloads li")
+      .last()
+      .getByRole("button", { name: /Copy: curl/ }),
+  );
   await page.keyboard.press("Enter");
   await expect(page.locator("#said")).toContainText(/Copied|Ctrl-C/);
 });
 
 test("scans are located", async ({ page }) => {
   await openMap(page);
-  await choose(page, "robot.json", room({ name: "" }));
+  await choose(page, "robot.json", JSON.stringify(room({ name: "" })));
   await expect(page.getByText("robot.json: 4 of 4 scans located.")).toBeVisible();
   await tabTo(page, page.getByRole("button", { name: "Show Scan 1" }));
   await page.keyboard.press("Enter");
@@ -101,7 +126,7 @@ test("scans are located", async ({ page }) => {
   await expect(page.locator("#file")).toBeFocused();
 });
 
-test("jobs are filtered, and one is cancelled", async ({ page }) => {
+test("jobs are filtered, one is cancelled and tried again", async ({ page }) => {
   await submit(room({ name: "by keyboard", scans: 160, beams: 720, resolution: 0.04 }));
   await open(page, "#/jobs");
   await tabTo(page, page.getByRole("radio", { name: "all" }));
@@ -114,6 +139,15 @@ test("jobs are filtered, and one is cancelled", async ({ page }) => {
   await tabTo(page, page.getByRole("button", { name: "Cancel the job" }));
   await page.keyboard.press("Enter");
   await expect(page.getByRole("link", { name: "by keyboard" })).toBeHidden();
+  await open(page, "#/jobs?status=dismissed");
+  await tabTo(page, page.getByRole("button", { name: "Retry by keyboard" }));
+  await page.keyboard.press("Enter");
+  await expect(page.getByText("Retry of")).toBeVisible();
+  await tabTo(page, page.getByRole("button", { name: "Cancel by keyboard" }));
+  await page.keyboard.press("Enter");
+  await tabTo(page, page.getByRole("button", { name: "Cancel the job" }));
+  await page.keyboard.press("Enter");
+  await expect(page.locator(".chip")).toHaveText("cancelled");
 });
 
 test("a map is published and rolled back", async ({ page }) => {

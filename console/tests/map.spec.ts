@@ -1,11 +1,22 @@
-import { expect, open, openMap, otherMap, picture, roomMap, service, test } from "./fixtures";
+import { drawn, expect, open, openMap, otherMap, picture, roomMap, service, test, vectorMap } from "./fixtures";
 import { ask } from "./api";
 
 interface Answers {
   distance: number[];
   sigma: number[];
   clearance: number[];
+  nearest: [number, number][];
+  gradient: [number, number][];
 }
+
+/** A length, and a pair of coordinates, as the console writes them. */
+const metres = (value = Number.NaN) => {
+  const size = Math.abs(value);
+  const text = size < 0.1 ? `${(value * 1000).toFixed(size < 0.01 ? 1 : 0)} mm` : `${value.toFixed(3)} m`;
+  return text.replace("-", "\u2212");
+};
+const pair = ([x, y]: [number, number] = [Number.NaN, Number.NaN]) =>
+  `(${x.toFixed(3)}, ${y.toFixed(3)})`.replaceAll("-", "\u2212");
 
 test("opens fitted, with every layer as tiles of the view", async ({ page }) => {
   await openMap(page);
@@ -25,25 +36,28 @@ test("opens fitted, with every layer as tiles of the view", async ({ page }) => 
   await expect(page.getByRole("radio", { name: "Occupancy" })).toBeChecked();
 });
 
-test("a click tells what /query tells", async ({ page }) => {
-  await openMap(page);
-  await page.locator(".map").click({ position: { x: 420, y: 330 } });
-  const answer = page.locator(".answer").first();
-  await expect(answer).toContainText("Distance");
-  const [x, y] = (/at=([^,&]+),([^&]+)/.exec(page.url()) ?? []).slice(1).map(Number) as [number, number];
-  const told = await ask<Answers>(service(), "POST", `/v1/maps/${roomMap()}/query`, { points: [[x, y]] });
-  const metres = (value = Number.NaN) => {
-    const size = Math.abs(value);
-    const text = size < 0.1 ? `${(value * 1000).toFixed(size < 0.01 ? 1 : 0)} mm` : `${value.toFixed(3)} m`;
-    return text.replace("-", "\u2212");
-  };
-  await expect(answer).toContainText(`${metres(told.distance[0])} ± ${metres(told.sigma[0])}`);
-  await expect(answer).toContainText(metres(told.clearance[0]));
-  await page.reload();
-  await expect(answer).toContainText(metres(told.distance[0]));
-  await page.getByRole("radio", { name: "Posterior" }).check();
-  await expect(answer).toContainText("posterior");
-});
+for (const [distance, id] of [
+  ["signed", roomMap],
+  ["vector", vectorMap],
+] as const) {
+  test(`a click on a ${distance} map tells what /query tells`, async ({ page }) => {
+    await openMap(page, "", id());
+    await page.locator(".map").click({ position: { x: 420, y: 330 } });
+    const answer = page.locator(".answer").first();
+    await expect(answer).toContainText("Distance");
+    const [x, y] = (/at=([^,&]+),([^&]+)/.exec(page.url()) ?? []).slice(1).map(Number) as [number, number];
+    const told = await ask<Answers>(service(), "POST", `/v1/maps/${id()}/query`, { points: [[x, y]] });
+    const fact = (name: string) => answer.locator("dt", { hasText: name }).locator("xpath=following-sibling::dd");
+    await expect(fact("Distance")).toHaveText(`${metres(told.distance[0])} ± ${metres(told.sigma[0])}`);
+    await expect(fact("Clearance")).toHaveText(metres(told.clearance[0]));
+    await expect(fact("Nearest surface")).toHaveText(`${pair(told.nearest[0])} m`);
+    await expect(fact("Gradient")).toContainText(pair(told.gradient[0]));
+    await page.reload();
+    await expect(fact("Distance")).toContainText(metres(told.distance[0]));
+    await page.getByRole("radio", { name: "Posterior" }).check();
+    await expect(answer).toContainText("posterior");
+  });
+}
 
 test("the ruler measures, and Back takes it away", async ({ page }) => {
   await openMap(page);
@@ -60,15 +74,46 @@ test("the ruler measures, and Back takes it away", async ({ page }) => {
   await expect(page.getByText("Length")).toBeHidden();
 });
 
-test("overlays: surfaces, returns and poses", async ({ page }) => {
-  await openMap(page);
-  await page.getByRole("checkbox", { name: /Returns/ }).check();
+test("overlays: surfaces, returns and poses, each of which shows", async ({ page }) => {
+  await openMap(page, "?show=none");
+  const bare = await picture(page);
+  const seen = [bare];
+  for (const overlay of [/Surfaces/, /Returns/, /Poses/]) {
+    await page.getByRole("checkbox", { name: overlay }).check();
+    await expect.poll(async () => seen.includes(await picture(page)), `${overlay} changes the picture`).toBe(false);
+    seen.push(await picture(page));
+  }
   await expect(page.getByText("724", { exact: true })).toBeVisible();
-  await page.getByRole("checkbox", { name: /Poses/ }).check();
   await expect(page.getByRole("region", { name: "Legend" })).toContainText("2σ ellipse");
   await expect(page).toHaveURL(/show=contour,returns,poses/);
   await page.reload();
-  await expect(page.getByRole("checkbox", { name: /Poses/ })).toBeChecked();
+  for (const overlay of [/Surfaces/, /Returns/, /Poses/]) {
+    await expect(page.getByRole("checkbox", { name: overlay })).toBeChecked();
+    await page.getByRole("checkbox", { name: overlay }).uncheck();
+  }
+  await expect.poll(() => picture(page), "without any it is as it was").toBe(bare);
+});
+
+test("the scale bar and the coordinates agree, at any zoom", async ({ page }) => {
+  await openMap(page);
+  for (const zoom of ["Zoom in", "Zoom in", "Zoom out"]) {
+    const map = await page.locator(".map").boundingBox();
+    const pointed = async (right: number) => {
+      await page.mouse.move((map?.x ?? 0) + right, (map?.y ?? 0) + 300);
+      const text = (await page.locator(".coordinates").innerText()).replace("\u2212", "-");
+      return Number(/^x (\S+)\s+y \S+ m$/.exec(text)?.[1]);
+    };
+    const metresAPixel = ((await pointed(500)) - (await pointed(300))) / 200;
+    const bar = Number.parseFloat(await page.locator(".scale-line span").innerText());
+    const width = (await page.locator(".scale-bar").boundingBox())?.width ?? 0;
+    expect(width).toBeGreaterThan(40);
+    // Coordinates are rounded to the millimetre, the bar has a border on either side.
+    expect(bar / metresAPixel / width).toBeCloseTo(1, 1);
+    await page.getByRole("button", { name: zoom }).click();
+    await drawn(page);
+  }
+  await page.mouse.move(5, 5);
+  await expect(page.locator(".coordinates")).toHaveText("");
 });
 
 test("two maps beside a moving edge", async ({ page }) => {

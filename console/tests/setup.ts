@@ -25,8 +25,11 @@ export default async function setup(): Promise<() => Promise<void>> {
     const labels = { site: "test" };
     const bare = await submit(service, room({ name: "room", labels }));
     const door = await submit(service, room({ name: "room, moved", door: true, labels }));
+    const walls = { ...room({ name: "walls" }), map: { distance: "vdf", resolution: 0.25 } };
+    const vector = await submit(service, walls);
     process.env["ROOM_MAP"] = await finished(service, bare);
     process.env["OTHER_MAP"] = await finished(service, door);
+    process.env["VECTOR_MAP"] = await finished(service, vector);
     Object.assign(process.env, await grown(service, process.env["ROOM_MAP"], process.env["OTHER_MAP"]));
   } catch (error) {
     await end();

@@ -2,14 +2,11 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { gzipSync } from "node:zlib";
 import { ask } from "./api";
-import { drop, expect, open, service, test } from "./fixtures";
+import { drop, expect, open, recording, service, test } from "./fixtures";
 import { carmen, room } from "./room";
 
 /** The jobs there are. */
 const count = async () => (await ask<{ items: object[] }>(service(), "GET", "/v1/jobs?limit=1000")).items.length;
-
-/** A recording that the service's own tests read, too. */
-const recording = (name: string) => readFileSync(join(import.meta.dirname, "../../tests/fixtures", name));
 
 test("a job is dropped, drawn, sent and watched to its map", async ({ page }) => {
   await open(page, "#/submit");
@@ -48,6 +45,9 @@ test("an MCAP recording is tried out, sent as it is, and becomes a map", async (
   await drop(page, "drive.mcap", recording("drive-zstd.mcap"));
   await expect(page.getByText("drive.mcap: 2 scans, 362 returns")).toBeVisible();
   await expect(page.locator(".forecast")).toContainText("476 control points");
+  // Its scans are the service's to read; where they are going to lie is drawn.
+  await expect(page.getByRole("application", { name: /lattice to be laid/ })).toBeVisible();
+  await expect(page.getByText("Its returns are drawn on its map.")).toBeVisible();
   await page.getByLabel("Every so many scans").fill("2");
   await expect(page.getByText("drive.mcap: 1 scan, 181 returns")).toBeVisible();
   await page.getByLabel("Every so many scans").fill("1");
@@ -97,7 +97,8 @@ for (const [name, content, words] of [
   ["other.json", "{}", "no scans"],
   ["words.log", "ODOM 1 2 3\n", "no FLASER line"],
   ["torn.log", "FLASER 180 1 2 3\n", "Line 1: the line ends before its range"],
-  ["drive.bag", "#ROSBAG V2.0\n", "mcap convert"],
+  ["drive.bag", "#ROSBAG V2.0\n", "rosbags-convert --src OLD.bag --dst NEW --dst-storage mcap"],
+  ["drive.db3", "SQLite format 3\u0000", "rosbags-convert --src FOLDER --dst NEW --dst-storage mcap"],
   ["map.pgm", "P5\n1 1\n255\n", "occupancy map"],
   ["damaged.log.gz", "\u001f\u008bnothing", "damaged"],
 ] as const) {

@@ -2,11 +2,16 @@
 """The crash suite: servers and workers are killed while jobs flow; then the books must balance.
 
     scripts/nightly/crash.py --binary target/release/mapfit --runs 10
+    scripts/nightly/crash.py --binary target/release/mapfit --database-url postgres://USER@HOST/postgres
 
 Each run submits its jobs with idempotency keys from several threads that retry through every outage. A killer sends
 kill -9 (and now and then SIGTERM, or SIGSTOP past the lease) to the server and to the workers beside it. Then the
 queue runs empty, the sweep runs, and the books are checked; see `crashes/books.py` for each check. Exit code 1 where
 one fails.
+
+On PostgreSQL every run has a database of its own, which it makes on the server that is named, and drops when its books
+balance. With `--artifacts s3://BUCKET/PREFIX` every run has a prefix of its own there; a bucket is not searched for
+orphans (tests/object_store.rs does that), but every map is read and compared.
 """
 
 import argparse
@@ -22,6 +27,7 @@ from crashes import books, undisturbed
 from crashes.clients import Clients, until_empty
 from crashes.killer import Killer
 from crashes.ledger import Ledger, plan
+from crashes.records import Postgres, Records, Sqlite
 from service.bar import Bar
 from service.process import Process, Server, options_of
 
@@ -37,7 +43,10 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--clients", type=int, default=6, help="submitting threads")
     parser.add_argument("--seed", type=int, default=1, help="of the first run; each run has the next")
     parser.add_argument("--server-args", default="", help="more arguments for serve, in one string")
-    parser.add_argument("--database-url", help="for serve and worker; the files under --data otherwise")
+    parser.add_argument("--database-url", help="a PostgreSQL server, on which runs make databases; SQLite otherwise")
+    parser.add_argument(
+        "--artifacts", help="s3://BUCKET/PREFIX, for serve and worker; a folder under the data otherwise"
+    )
     parser.add_argument("--json", type=Path, help="write a report there")
     parser.add_argument(
         "--keep", action="store_true", help="keep every run's data; that of a failed one is always kept"
@@ -53,7 +62,13 @@ class Run:
         self.folder = Path(tempfile.mkdtemp(prefix=f"mapfit-crash-{seed}-"))
         data = self.folder / "data"
         self.sweeps = "--sweep-seconds" in options_of(options.binary, "serve")
-        shared = ["--database-url", options.database_url] if options.database_url else []
+        # The folder's name is no other run's.
+        own = self.folder.name.removeprefix("mapfit-").replace("-", "_")
+        server = options.database_url
+        self.records: Records = Postgres(server, f"mapfit_{own}") if server else Sqlite(data)
+        shared = [*self.records.arguments]
+        if options.artifacts:
+            shared += ["--artifacts", f"{options.artifacts.rstrip('/')}/{own}"]
         if self.sweeps:
             shared += ["--sweep-seconds", "2"]
         more = [*shared, *options.server_args.split()]
@@ -78,7 +93,9 @@ class Run:
         checks["clients' answers"] = self.clients.faults
         checks["processes end when told, and only then"] = self.killer.faults
         broken = {name: found for name, found in checks.items() if found}
-        if not broken and not self.options.keep:
+        kept = bool(broken) or self.options.keep
+        if not kept:
+            self.records.drop()
             shutil.rmtree(self.folder)
         return {
             "seed": self.seed,
@@ -93,7 +110,7 @@ class Run:
             "seconds": round(time.monotonic() - began, 1),
             "checks": len(checks),
             "broken": broken,
-            "folder": str(self.folder) if broken or self.options.keep else None,
+            "folder": str(self.folder) if kept else None,
         }
 
     def _disturb(self) -> None:
@@ -136,9 +153,9 @@ class Run:
         connection = self.server.connection()
         checks, count = books.balance(self.ledger, connection)
         checks |= books.keys(self.ledger, connection)
-        if not self.options.database_url:
-            checks |= books.artifacts(self.server.data)
-            checks |= books.database(self.server.data)
+        checks |= books.database(self.records)
+        if not self.options.artifacts:
+            checks |= books.artifacts(self.records, self.server.data / "artifacts")
         entries = [entry for entry in self.ledger.entries if entry.id and entry.kind != "cancelled"]
         bar = Bar(f"run {self.seed}: undisturbed", len(entries))
         expected = undisturbed.outcomes(self.options.binary, self.folder / "undisturbed", entries, bar.at)

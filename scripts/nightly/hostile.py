@@ -4,8 +4,9 @@
     scripts/nightly/hostile.py --binary target/release/mapfit --mutations 20000
     scripts/nightly/hostile.py --binary target/release/mapfit --cgroup
 
-500 is always a failure; 503 is counted apart and needs a problem. What panics, hangs, is not finite, or leaves the
-service unable to serve others is a failure, too. See `hostility/verdict.py`. Exit code 1 where anything fails.
+500 is always a failure; 503 is one unless it is a refusal for load, with Retry-After, and is counted apart. What
+panics, hangs, is not finite, or leaves the service unable to serve others is a failure, too. See
+`hostility/verdict.py`. Exit code 1 where anything fails.
 """
 
 import argparse
@@ -77,8 +78,8 @@ def _under(server: Server, suite: Callable[..., int]) -> dict:
     return report | {
         "seconds": round(time.monotonic() - began, 1),
         "statuses": {str(status): n for status, n in sorted(verdicts.statuses.items(), key=str)},
-        "later_503": len(verdicts.later),
-        "later": verdicts.later,
+        "later_503": verdicts.later.total(),
+        "later": dict(verdicts.later),
         "bare": verdicts.bare,
         "failures": verdicts.failures,
         **verdicts.figures,
@@ -93,10 +94,14 @@ def main() -> int:
         report[name] = part
         failures = part["failures"]
         failed |= bool(failures)
-        figures = ", ".join(f"{key} {value}" for key, value in part.items() if not isinstance(value, list))
+        figures = ", ".join(
+            f"{key} {value}" for key, value in part.items() if key != "later" and not isinstance(value, list)
+        )
         print(f"{name}: {len(failures)} failures; {figures}", flush=True)
         for failure in failures:
             print(f"  {failure}", flush=True)
+        for what, times in part.get("later", {}).items():
+            print(f"  503, {times} times: {what}", flush=True)
         if options.json:
             options.json.write_text(json.dumps(report, indent=2))
     if failed:

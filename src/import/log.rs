@@ -41,7 +41,7 @@ impl LogError {
 const STRANGERS: [(&[u8], &str); 9] = [
     (
         b"#ROSBAG",
-        "this is a ROS 1 bag; a ROS 2 recording can be made of it: `rosbags-convert --src OLD.bag --dst NEW --dst-storage mcap` (pip install rosbags), or `mcap convert OLD.bag NEW.mcap` and then `rosbags-convert`, since messages must be CDR",
+        "this is a ROS 1 bag; a ROS 2 recording can be made of it: `rosbags-convert --src OLD.bag --dst NEW --dst-storage mcap` (pip install rosbags)",
     ),
     (
         b"SQLite format 3\0",

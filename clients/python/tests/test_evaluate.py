@@ -1,5 +1,6 @@
 """What is computed here is what the service answers, to 1e-9."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,9 @@ from mapfit_client.surfaces.evidence import Evidence
 from mapfit_client.surfaces.facets import Facets
 
 from .world import rooms
+
+# Its fit takes a minute, on a machine that does nothing else.
+NIGHTLY = pytest.mark.skipif("MAPFIT_NIGHTLY" not in os.environ, reason="MAPFIT_NIGHTLY is not set")
 
 
 def places(fitted: Map) -> Floats:
@@ -79,10 +83,11 @@ def test_a_map_without_a_surface(components: int) -> None:
     assert np.isnan(found.distance[1]) and (found.vector is None or np.isnan(found.vector).all())
 
 
-def test_a_building_at_100_000_points(client: Client, recordings: Path) -> None:
-    """The Intel Research Lab, a twentieth of its scans."""
+@pytest.mark.parametrize(("every", "resolution"), [(20, 0.3), pytest.param(1, 0.25, marks=NIGHTLY)])
+def test_a_building_at_100_000_points(client: Client, recordings: Path, every: int, resolution: float) -> None:
+    """The Intel Research Lab: a twentieth of its scans, and all of them."""
     log = recordings / "intel.flaser.log.gz"
-    building = client.submit(log_to_job(log, every=20, resolution=0.3)).wait(progress=False)
+    building = client.submit(log_to_job(log, every=every, resolution=resolution)).wait(progress=False)
     x, y, far_x, far_y = building.lattice.bounds
     points = np.random.default_rng(7).uniform((x, y), (far_x, far_y), (100_000, 2))
     for kind in KINDS:

@@ -30,10 +30,14 @@ export async function readFile(file: File, unplaced = false): Promise<Content> {
     return { kind: "recording", file };
   }
   if (magic.startsWith("#ROSBAG")) {
-    throw new FileError("This is a ROS 1 bag. Convert it to MCAP first: mcap convert FILE.bag FILE.mcap");
+    throw new FileError(
+      "This is a ROS 1 bag. Make a ROS 2 recording of it first: rosbags-convert --src OLD.bag --dst NEW --dst-storage mcap (pip install rosbags)",
+    );
   }
   if (magic.startsWith("SQLite")) {
-    throw new FileError("This is a ROS 2 bag in SQLite. Convert it to MCAP first: ros2 bag convert");
+    throw new FileError(
+      "This is a ROS 2 bag in SQLite. Make an MCAP recording of it first: rosbags-convert --src FOLDER --dst NEW --dst-storage mcap (pip install rosbags)",
+    );
   }
   if (/^P[25]\s/.test(magic) || /\.(pgm|ya?ml)$/i.test(file.name)) {
     throw new FileError("This is a finished occupancy map. mapfit fits laser scans: a picture has no evidence to fit.");

@@ -19,6 +19,9 @@ import { Preview } from "./preview";
 import { Reader, type Summary } from "./reader";
 import { jobShipment, recordingShipment } from "./send";
 
+const UNREAD =
+  "The dashed line is the lattice that the service would lay over the recording. Its returns are drawn on its map.";
+
 export function submitPage(): Page {
   const over = new AbortController();
   const page = new SubmitPage(over.signal);
@@ -85,13 +88,16 @@ class SubmitPage {
       write(
         what,
         recording
-          ? `${file.name}: a recording, which the service reads. Its returns are drawn on its map.`
+          ? `${file.name}: a recording, which the service reads.`
           : `${file.name}: ${counted(scans, "scan")}${scans < of ? ` of ${of}` : ""}, ${counted(returns.points.length / 2, "return")}`,
       );
     describe(summary);
     const pack = async () => (recording ? recordingShipment(file, form) : jobShipment(this.reader, form));
     const forecast = new Forecast(pack, this.able, this.signal, {
-      lattice: (lattice) => this.preview.showLattice(lattice),
+      lattice: (lattice) => {
+        this.preview.showLattice(lattice);
+        if (lattice) this.stage.classList.remove("alone");
+      },
       estimate: ({ scans = 0, returns }) => {
         if (recording) write(what, `${file.name}: ${counted(scans, "scan")}, ${counted(returns, "return")}`);
       },
@@ -131,8 +137,10 @@ class SubmitPage {
       outcome,
       make("p", { class: "actions" }, button),
     );
-    this.stage.replaceChildren(controls, ...(recording ? [] : [this.preview.element]));
+    this.stage.replaceChildren(controls, this.preview.element);
+    // Beside a recording there is nothing to see until the service has said what its lattice will be.
     this.stage.classList.toggle("alone", recording);
+    this.preview.clear(summary, recording ? UNREAD : null);
     if (!recording) this.preview.show(summary, true);
     forecast.ask(summary, form.settings());
     form.element.querySelector("input")?.focus();

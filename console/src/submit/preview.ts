@@ -1,5 +1,7 @@
-// The scans before they are sent: their returns, the poses, and the lattice that is going to be laid over them.
+// The scans before they are sent: their returns, the poses, and the lattice that is going to be laid over them. Of a recording,
+// which the service reads, the lattice alone.
 
+import { containsExtent } from "ol/extent";
 import { make } from "../kit/element";
 import { onTheme, theme } from "../kit/theme";
 import { Canvas } from "../map/canvas";
@@ -13,6 +15,9 @@ import type { Summary } from "./reader";
 
 export class Preview {
   readonly element = make("div", { class: "preview" });
+  /** Instead of the scans, where they are not read here. */
+  private unread: string | null = null;
+  private extent: number[] = [];
   private canvas: Canvas | null = null;
   private summary: Summary | null = null;
   private lattice: Lattice | null = null;
@@ -24,31 +29,46 @@ export class Preview {
     signal.addEventListener("abort", () => this.canvas?.dispose());
   }
 
+  /** Nothing yet: of another file, whose scans are shown next, or which the service reads, as a sentence says. */
+  clear(summary: Summary, unread: string | null): void {
+    this.canvas?.dispose();
+    this.canvas = null;
+    this.summary = summary;
+    this.unread = unread;
+    this.lattice = null;
+    this.returns.set(summary.returns);
+    this.element.replaceChildren();
+  }
+
   /** Shows scans; fitted anew for another file, left as it is for another selection of the same. */
   show(summary: Summary, fit: boolean): void {
     this.summary = summary;
     this.returns.set(summary.returns);
-    if (fit || !this.canvas) this.open(summary.box ?? [-1, -1, 1, 1]);
+    if (fit || !this.canvas) this.open(summary.box ?? []);
     this.renew();
   }
 
   showLattice(lattice: Lattice | null): void {
+    // Without scans the lattice is what is looked at; it is looked at anew where it has grown out of view.
+    const extent = lattice && this.unread ? extentOf(lattice) : null;
+    if (extent && !(this.canvas && containsExtent(this.extent, extent))) this.open(extent);
     this.lattice = lattice;
     this.frame.renew();
   }
 
-  private open([x0, y0, x1, y1]: [number, number, number, number]): void {
+  private open([x0 = -1, y0 = -1, x1 = 1, y1 = 1]: number[]): void {
     this.canvas?.dispose();
     this.lattice = null;
     const bar = new ScaleBar();
     const margin = 0.06 * Math.max(x1 - x0, y1 - y0, 1);
-    const canvas = new Canvas([x0 - margin, y0 - margin, x1 + margin, y1 + margin], "The returns to be sent", {
+    this.extent = [x0 - margin, y0 - margin, x1 + margin, y1 + margin];
+    const canvas = new Canvas(this.extent, this.unread ? "The lattice to be laid" : "The returns to be sent", {
       pointed: (point) => bar.point(point),
       moved: (resolution) => bar.show(resolution),
     });
     canvas.add(this.returns.picture.layer, this.frame.layer);
     canvas.element.append(zoomButtons(canvas), bar.element);
-    this.element.replaceChildren(canvas.element);
+    this.element.replaceChildren(canvas.element, ...(this.unread ? [make("p", { class: "note" }, this.unread)] : []));
     this.canvas = canvas;
     // The element may not be laid out yet.
     requestAnimationFrame(() => {

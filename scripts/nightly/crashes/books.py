@@ -4,13 +4,13 @@ Each check is a name and what contradicts it; an empty list is a check that hold
 """
 
 import json
-import sqlite3
 from collections import Counter
 from pathlib import Path
 
 from service.connection import Connection
 
 from .ledger import ENDED, Ledger
+from .records import Records
 
 
 def balance(ledger: Ledger, connection: Connection) -> tuple[dict[str, list[str]], Counter]:
@@ -77,11 +77,9 @@ def keys(ledger: Ledger, connection: Connection) -> dict[str, list[str]]:
     return {"a key finds its job": strange, "a label finds its jobs": lost}
 
 
-def artifacts(data: Path) -> dict[str, list[str]]:
+def artifacts(records: Records, root: Path) -> dict[str, list[str]]:
     """The folder against the maps' rows; both as they lie on disk."""
-    root = data / "artifacts"
-    with sqlite3.connect(data / "mapfit.sqlite") as database:
-        prefixes = {row[0] for row in database.execute("SELECT prefix FROM maps")}
+    prefixes = {row[0] for row in records.rows("SELECT prefix FROM maps")}
     wanted = {root / prefix / "map.npz" for prefix in prefixes}
     there = {path for path in root.rglob("*") if path.is_file()}
     needed = {folder for path in wanted for folder in path.parents}
@@ -101,25 +99,16 @@ def artifacts(data: Path) -> dict[str, list[str]]:
     }
 
 
-def database(data: Path) -> dict[str, list[str]]:
-    """The SQLite file itself: whole, and its indexes by trigger agree with the rows."""
-    with sqlite3.connect(data / "mapfit.sqlite") as records:
-        damage = [row[0] for row in records.execute("PRAGMA integrity_check") if row[0] != "ok"]
-        strays = [str(row) for row in records.execute("PRAGMA foreign_key_check")]
-        turns = [str(row) for row in records.execute("SELECT tenant, priority, id FROM turns")]
-        wrong = []
-        for table, labels, named in (("jobs", "job_labels", "job_id"), ("maps", "map_labels", "map_id")):
-            said = {
-                (row[0], key, value)
-                for row in records.execute(f"SELECT id, labels FROM {table}")
-                for key, value in json.loads(row[1]).items()
-            }
-            kept = set(records.execute(f"SELECT {named}, key, value FROM {labels}"))
-            wrong += [f"{labels}: {one}" for one in said ^ kept]
-        requests = [r[0] for r in records.execute("SELECT id FROM jobs WHERE id NOT IN (SELECT job_id FROM requests)")]
-    return {
-        "the database is whole": damage + strays,
-        "no turn without a job": turns,
-        "labels agree with their index": wrong,
-        "every job has its request": requests,
-    }
+def database(records: Records) -> dict[str, list[str]]:
+    """The database itself: whole, and its indexes by trigger agree with the rows."""
+    wrong = []
+    for table, labels, named in (("jobs", "job_labels", "job_id"), ("maps", "map_labels", "map_id")):
+        said = {
+            (row[0], key, value)
+            for row in records.rows(f"SELECT id, labels FROM {table}")
+            for key, value in json.loads(row[1]).items()
+        }
+        kept = set(records.rows(f"SELECT {named}, key, value FROM {labels}"))
+        wrong += [f"{labels}: {one}" for one in said ^ kept]
+    bare = [row[0] for row in records.rows("SELECT id FROM jobs WHERE id NOT IN (SELECT job_id FROM requests)")]
+    return {**records.damage(), "labels agree with their index": wrong, "every job has its request": bare}

@@ -7,10 +7,12 @@ import random
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable
+from functools import partial
 
 from jobs.mutations import WILD, mutated
 from service.bar import Bar
-from service.connection import Connection
+from service.connection import Answer, Connection
 from service.process import Server
 
 from .verdict import Verdicts
@@ -67,20 +69,21 @@ def _work(server: Server, verdicts: Verdicts, waiting: queue.Queue, ends: Counte
 def _one(connection: Connection, verdicts: Verdicts, seed: int, longest: float) -> str:
     """One mutant, from its submission to the purge of what it left."""
     name = f"mutant {seed}"
-    answer = connection.ask("POST", "/v1/jobs", json.dumps(mutated(seed)).encode())
-    verdicts.judge_answer(name, answer)
+    ask = partial(_ask, connection, verdicts, name)
+    answer = ask("POST", "/v1/jobs", json.dumps(mutated(seed)).encode())
     if answer.status != 202:
         return f"refused {answer.status}"
     job = answer.json()
     own = f"/v1/jobs/{job['id']}"
     submitted = began = time.monotonic()
     while job["status"] not in ENDED and time.monotonic() - submitted < LOST_AFTER:
-        job = connection.ask("GET", f"{own}?wait=5").json()
+        answer = ask("GET", f"{own}?wait=5")
+        job = answer.json() if answer.status == 200 else job
         # Time in the queue does not count: all wait behind one that is slow.
         if job["status"] == "accepted":
             began = time.monotonic()
         elif job["status"] == "running" and time.monotonic() - began > longest:
-            return _cancel(connection, verdicts, name, own, job)
+            return _cancel(ask, verdicts, name, own, job)
     if job["status"] not in ENDED:
         verdicts.fail(f"{name}: {job['status']} after {LOST_AFTER:.0f} s")
         return "hung"
@@ -88,30 +91,37 @@ def _one(connection: Connection, verdicts: Verdicts, seed: int, longest: float) 
     if job["status"] == "failed" and slug not in HONEST:
         verdicts.fail(f"{name}: failed with {slug}: {job['problem']['detail'][:200]}")
     if job["map_id"]:
-        _question(connection, verdicts, name, job["map_id"], random.Random(seed))
-        connection.ask("DELETE", f"/v1/maps/{job['map_id']}")
-    connection.ask("DELETE", f"{own}?purge=true")
+        _question(ask, job["map_id"], random.Random(seed))
+        ask("DELETE", f"/v1/maps/{job['map_id']}")
+    ask("DELETE", f"{own}?purge=true")
     return f"{job['status']} {slug}".strip()
 
 
-def _cancel(connection: Connection, verdicts: Verdicts, name: str, own: str, job: dict) -> str:
+def _ask(connection: Connection, verdicts: Verdicts, name: str, method: str, path: str, body=None) -> Answer:
+    """An answer, judged."""
+    answer = connection.ask(method, path, body)
+    verdicts.judge_answer(f"{name} {method} {path}", answer, route=f"{method} {path}")
+    return answer
+
+
+def _cancel(ask: Callable[..., Answer], verdicts: Verdicts, name: str, own: str, job: dict) -> str:
     """Cancels a job that takes too long, which is a failure; whether its worker is free then, the next mutants tell."""
     at = job["progress"]
     verdicts.fail(f"{name}: runs too long; {at['stage']}, step {at['iteration']} of {at['max_iterations']}")
-    connection.ask("DELETE", own)
+    ask("DELETE", own)
     return "cancelled"
 
 
-def _question(connection: Connection, verdicts: Verdicts, name: str, map_id: str, draw: random.Random) -> None:
+def _question(ask: Callable[..., Answer], map_id: str, draw: random.Random) -> None:
     """A map's record, and a few of its answers with parameters at random."""
     own = f"/v1/maps/{map_id}"
-    answer = connection.ask("GET", own)
-    verdicts.judge_answer(f"{name} map", answer)
+    answer = ask("GET", own)
+    if answer.status != 200:
+        return
     lattice = answer.json()["lattice"]
-    for ask in draw.sample([_points, _picture, _window, _plain, _plain], 3):
-        method, path, body = ask(draw, lattice)
-        answer = connection.ask(method, own + path, body)
-        verdicts.judge_answer(f"{name} {method} {path}", answer)
+    for question in draw.sample([_points, _picture, _window, _plain, _plain], 3):
+        method, path, body = question(draw, lattice)
+        ask(method, own + path, body)
 
 
 def _points(draw: random.Random, lattice: dict) -> tuple:

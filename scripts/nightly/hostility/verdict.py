@@ -1,9 +1,12 @@
 """What is a failure, and what is not.
 
-500 always is. 503 is the service's word for "later" and counted apart, but it must come with a problem; so must every
-other refusal that is not HTTP's own. A number that is not finite anywhere in JSON is a failure, and so is silence.
+500 always is. 503 is one, too, unless the service says that it has too much to do right now, and when to come again: a
+refusal for load, which may happen to anybody. Those are counted apart, by route and by what they said. Every refusal
+that is not HTTP's own must come with a problem. A number that is not finite anywhere in JSON is a failure, and so is
+silence.
 """
 
+import re
 import sys
 from collections import Counter
 from dataclasses import dataclass, field
@@ -16,6 +19,16 @@ from .wire import Outcome
 # What the HTTP library says itself, of what it cannot read; there is no request yet that a problem could speak of.
 PROTOCOLS_OWN = (400, 414, 431, 505)
 
+# What a 503 says that is a refusal for load: src/http/shared/ration.rs, body.rs and compute.rs. A database or a store
+# of artifacts that is away is none: in these suites nobody takes them away.
+LOAD = (
+    "as many bytes of answers are on their way as may be",
+    "the service holds as many bytes of requests as it may",
+    "the service is busy",
+)
+# What differs between two requests of one route, beside what follows the question mark.
+IDS = re.compile(r"[0-9a-f]{8}-[0-9a-f-]{27}")
+
 
 @dataclass
 class Verdicts:
@@ -23,8 +36,8 @@ class Verdicts:
 
     failures: list[str] = field(default_factory=list)
     statuses: Counter = field(default_factory=Counter)
-    #: 503s, each with what was asked.
-    later: list[str] = field(default_factory=list)
+    #: 503s, by route and by what they said.
+    later: Counter = field(default_factory=Counter)
     #: Refusals in the protocol's own words: a status and no problem.
     bare: list[str] = field(default_factory=list)
     #: What else a suite has to tell.
@@ -35,13 +48,12 @@ class Verdicts:
         self.failures.append(what)
         print(f"\n{what}", file=sys.stderr, flush=True)
 
-    def judge_answer(self, name: str, answer: Answer, is_head: bool = False) -> None:
-        """What holds for every answer, whatever was asked."""
+    def judge_answer(self, name: str, answer: Answer, route: str = "", is_head: bool = False) -> None:
+        """What holds for every answer, whatever was asked. `route` is the method and the path, where they say more than
+        the name does."""
         self.statuses[answer.status] += 1
         if answer.status == 503:
-            self.later.append(name)
-            if not answer.is_problem():
-                self.fail(f"{name}: 503 without a problem")
+            self._judge_later(name, answer, IDS.sub("{id}", (route or name).partition("?")[0]))
         elif answer.status >= 500:
             self.fail(f"{name}: {answer.status} {answer.body[:300]!r}")
         elif answer.status >= 400 and not is_head and not answer.is_problem():
@@ -55,12 +67,21 @@ class Verdicts:
             except (ValueError, RecursionError) as error:
                 self.fail(f"{name}: {answer.status}, and its JSON is none: {error}")
 
+    def _judge_later(self, name: str, answer: Answer, route: str) -> None:
+        """A 503: noted, and a failure where it is not the service's word for "I have too much to do"."""
+        detail = answer.json()["detail"] if answer.is_problem() else "no problem"
+        self.later[f"{route}: {detail}"] += 1
+        if not any(words in detail for words in LOAD):
+            self.fail(f"{name}: 503, and not for load: {detail}")
+        elif "retry-after" not in answer.headers:
+            self.fail(f"{name}: 503 without Retry-After")
+
     def judge(self, attack: Attack, outcome: Outcome) -> None:
         """An attack's outcome."""
         is_head = bytes(attack.pieces[0][:4]) == b"HEAD" if isinstance(attack.pieces[0], bytes) else False
         final = [answer for answer in outcome.answers if answer.status >= 200]
         for answer in final:
-            self.judge_answer(attack.name, answer, is_head)
+            self.judge_answer(attack.name, answer, is_head=is_head)
         if attack.leaves:
             return
         if not final:
