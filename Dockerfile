@@ -8,6 +8,7 @@ COPY Cargo.toml Cargo.lock ./
 COPY assets assets
 COPY benches benches
 COPY console console
+COPY examples examples
 COPY migrations migrations
 COPY src src
 RUN cargo build --release --locked --bin mapfit

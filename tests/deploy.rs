@@ -2,9 +2,11 @@
 
 mod support;
 
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
 
+use serde_json::Value;
 use support::{Server, small};
 
 fn folder() -> &'static Path {
@@ -27,6 +29,34 @@ fn others_accept_it_and_metrics_are_there() {
     let said = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).concat();
     assert!(output.status.success(), "{said}");
     println!("{said}");
+}
+
+/// The names of a package's targets that are no tests, as cargo finds them in a folder.
+fn targets(folder: &Path) -> BTreeSet<String> {
+    let asked = ["metadata", "--no-deps", "--offline", "--locked", "--format-version", "1"];
+    let output = Command::new(env!("CARGO")).args(asked).current_dir(folder).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let targets = found["packages"][0]["targets"].as_array().unwrap();
+    let own = targets.iter().filter(|target| target["kind"][0] != "test");
+    own.map(|target| format!("{} {}", target["kind"][0], target["name"])).collect()
+}
+
+/// Which targets a manifest names that are not there is for each version of cargo to forgive: what the image copies has all of
+/// them, and what the program has compiled in.
+#[test]
+fn the_image_has_what_cargo_asks_for() {
+    let (root, stage) = (Path::new(env!("CARGO_MANIFEST_DIR")), tempfile::tempdir().unwrap());
+    let dockerfile = std::fs::read_to_string(root.join("Dockerfile")).unwrap();
+    let copies =
+        dockerfile.lines().filter_map(|line| line.strip_prefix("COPY ")).filter(|copy| !copy.starts_with("--"));
+    for source in copies.flat_map(|copy| copy.rsplit_once(' ').unwrap().0.split(' ')) {
+        std::os::unix::fs::symlink(root.join(source), stage.path().join(source)).unwrap();
+    }
+    assert_eq!(targets(stage.path()), targets(root));
+    for folder in ["assets", "console/dist", "migrations"] {
+        assert!(stage.path().join(folder).is_dir(), "{folder}");
+    }
 }
 
 #[test]

@@ -163,10 +163,11 @@ impl House {
         let limits = Limits { control_points: self.max_control_points, ..Limits::default() };
         let workshop = Workshop::new(records.ports(), artifacts, limits, self.rules(), traces)?;
         if let Database::Postgres(store) = records {
-            let (arrivals, draining) = (workshop.arrivals.clone(), workshop.clone());
+            let (arrivals, published) = (workshop.arrivals.clone(), workshop.published.clone());
+            let draining = workshop.clone();
             tokio::spawn(async move {
                 tokio::select! {
-                    () = store.arrivals(arrivals) => {}
+                    () = store.listen(arrivals, published) => {}
                     () = draining.drained() => {}
                 }
             });

@@ -18,6 +18,43 @@ pub struct Holdings {
     pub bytes: i64,
 }
 
+/// Tenants with at most so many waiting jobs are light, the others heavy: classes that are two, however many tenants there
+/// are. Where heavy ones wait it is somebody's burst; where light ones do, there is too little of something for all.
+pub const LIGHT: i64 = 10;
+
+/// What a class of tenants has now.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Total {
+    pub held: Holdings,
+    /// The age of its oldest waiting job, milliseconds.
+    pub oldest: Option<i64>,
+}
+
+/// What all tenants have now.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Totals {
+    pub light: Total,
+    pub heavy: Total,
+}
+
+impl Totals {
+    /// Of counts and ages a class, as a database has them: heavy or not, then its numbers.
+    pub(super) fn of(held: Vec<(bool, i64, i64, i64, i64)>, oldest: Vec<(bool, Option<i64>)>) -> Self {
+        let mut totals = Self::default();
+        for (is_heavy, queued, running, maps, bytes) in held {
+            totals.class(is_heavy).held = Holdings { queued, running, maps, bytes };
+        }
+        for (is_heavy, age) in oldest {
+            totals.class(is_heavy).oldest = age;
+        }
+        totals
+    }
+
+    fn class(&mut self, is_heavy: bool) -> &mut Total {
+        if is_heavy { &mut self.heavy } else { &mut self.light }
+    }
+}
+
 /// A prefix of artifacts, and the attempt that wrote there; no job has an empty id.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Written {
@@ -47,6 +84,5 @@ pub trait Housekeeping: Send + Sync {
         limit: i64,
     ) -> Result<Vec<(MapRecord, Duration)>, StoreError>;
     async fn holdings(&self, tenant: &str) -> Result<Holdings, StoreError>;
-    /// Of every tenant together, and the age of the oldest waiting job, milliseconds.
-    async fn totals(&self) -> Result<(Holdings, Option<i64>), StoreError>;
+    async fn totals(&self) -> Result<Totals, StoreError>;
 }

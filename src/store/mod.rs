@@ -33,7 +33,7 @@ use thiserror::Error;
 pub use artifacts::{Artifacts, ArtifactsError, MAP_FILE};
 pub use backup::{Backup, Row, Saved, Take, tables as saved_tables};
 pub use board::{Cancellation, JobBoard, Listing, NewJob, Quota, Relabelling, Removal, Submission};
-pub use housekeeping::{Holdings, Housekeeping, Judge, Written};
+pub use housekeeping::{Holdings, Housekeeping, Judge, LIGHT, Total, Totals, Written};
 pub use keys::{ApiKey, Keys, NewKey};
 pub use leases::{Claim, Leases, Terms};
 pub use places::{Guard, Place, Places, Publication};

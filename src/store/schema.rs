@@ -9,12 +9,15 @@ use sqlx::migrate::{Migration, MigrationType, Migrator};
 /// A migration of a folder: the number that its file begins with, the rest of its name, and its text.
 pub(super) type File = (i64, &'static str, &'static str);
 
-/// What brings a database up to date.
+/// What brings a database up to date. One that a later version has brought further is taken as it is: while servers and workers
+/// are replaced one after the other, those of the version before start again, too.
 pub(super) fn migrator(files: &[File]) -> Migrator {
     let migration = |&(version, description, sql): &File| {
         Migration::new(version, description.into(), MigrationType::Simple, sql.into_sql_str(), false)
     };
-    Migrator::with_migrations(files.iter().map(migration).collect())
+    let mut migrator = Migrator::with_migrations(files.iter().map(migration).collect());
+    migrator.set_ignore_missing(true);
+    migrator
 }
 
 #[cfg(test)]

@@ -7,12 +7,12 @@ use std::time::Duration;
 
 use prometheus::process_collector::ProcessCollector;
 use prometheus::{
-    Encoder, Gauge, HistogramOpts, HistogramVec, IntCounter, IntCounterVec, IntGauge, IntGaugeVec, Opts, Registry,
+    Encoder, GaugeVec, HistogramOpts, HistogramVec, IntCounter, IntCounterVec, IntGauge, IntGaugeVec, Opts, Registry,
     TextEncoder,
 };
 
 use crate::map::FitReport;
-use crate::store::Holdings;
+use crate::store::{Total, Totals};
 
 /// Of fits: a tenth of a second to an hour.
 const LONG: [f64; 12] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0];
@@ -23,7 +23,7 @@ const SHORT: [f64; 12] = [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30
 pub struct Metrics {
     registry: Registry,
     waiting: IntGaugeVec,
-    oldest: Gauge,
+    oldest: GaugeVec,
     maps: IntGauge,
     map_bytes: IntGauge,
     /// Attempts, by how they ended.
@@ -45,8 +45,17 @@ impl Metrics {
             HistogramVec::new(HistogramOpts::new(name, help).buckets(buckets.to_vec()), labels)
         };
         let all = Self {
-            waiting: IntGaugeVec::new(Opts::new("mapfit_jobs", "Jobs that have not ended, by state"), &["state"])?,
-            oldest: Gauge::new("mapfit_queue_oldest_seconds", "The age of the oldest job that waits; 0 without one")?,
+            waiting: IntGaugeVec::new(
+                Opts::new(
+                    "mapfit_jobs",
+                    "Jobs that have not ended, by state, and by how many jobs of their tenant wait",
+                ),
+                &["state", "tenant_class"],
+            )?,
+            oldest: GaugeVec::new(
+                Opts::new("mapfit_queue_oldest_seconds", "The age of the oldest job that waits; 0 without one"),
+                &["tenant_class"],
+            )?,
             maps: IntGauge::new("mapfit_maps", "Maps there are")?,
             map_bytes: IntGauge::new("mapfit_map_bytes", "Bytes of the maps' files")?,
             attempts: IntCounterVec::new(
@@ -152,13 +161,15 @@ impl Metrics {
     }
 
     /// Everything, in Prometheus' text format; with what the store says of the queue, where it answers.
-    pub fn text(&self, totals: Option<(Holdings, Option<i64>)>) -> Result<Vec<u8>, prometheus::Error> {
-        if let Some((held, oldest)) = totals {
-            self.waiting.with_label_values(&["accepted"]).set(held.queued);
-            self.waiting.with_label_values(&["running"]).set(held.running);
-            self.oldest.set(oldest.unwrap_or(0).max(0) as f64 / 1000.0);
-            self.maps.set(held.maps);
-            self.map_bytes.set(held.bytes);
+    pub fn text(&self, totals: Option<Totals>) -> Result<Vec<u8>, prometheus::Error> {
+        if let Some(Totals { light, heavy }) = totals {
+            for (class, Total { held, oldest }) in [("light", light), ("heavy", heavy)] {
+                self.waiting.with_label_values(&["accepted", class]).set(held.queued);
+                self.waiting.with_label_values(&["running", class]).set(held.running);
+                self.oldest.with_label_values(&[class]).set(oldest.unwrap_or(0).max(0) as f64 / 1000.0);
+            }
+            self.maps.set(light.held.maps + heavy.held.maps);
+            self.map_bytes.set(light.held.bytes + heavy.held.bytes);
         }
         let mut text = Vec::new();
         TextEncoder::new().encode(&self.registry.gather(), &mut text)?;

@@ -57,8 +57,8 @@ pub struct Workshop {
     pub rules: Rules,
     /// Told when a job was accepted.
     pub arrivals: Arc<Notify>,
-    /// Told when a map was published at a place in this process.
-    pub published: Notify,
+    /// Told when a map was published at a place: in this process, or where the database tells of others, in any.
+    pub published: Arc<Notify>,
     /// Told when there may be something to tell by a webhook.
     pub hooks: Notify,
     memory: Memory,
@@ -107,7 +107,7 @@ impl Workshop {
             traces,
             rules,
             arrivals: Arc::default(),
-            published: Notify::new(),
+            published: Arc::default(),
             hooks: Notify::new(),
             running: Mutex::default(),
             draining,

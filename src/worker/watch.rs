@@ -91,7 +91,7 @@ impl Workshop {
         Ok(there)
     }
 
-    /// Looks after places that somebody waits for, likewise; at once where this process publishes.
+    /// Looks after places that somebody waits for, likewise; at once where it is told of a publication.
     pub(super) async fn watch_places(&self) {
         loop {
             let Some(places) = self.waited_for.some(self).await else { return };

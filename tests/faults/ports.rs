@@ -199,7 +199,7 @@ impl Housekeeping for Faulty {
     async fn holdings(&self, tenant: &str) -> Result<Holdings, StoreError> {
         self.inner.holdings(tenant).await
     }
-    async fn totals(&self) -> Result<(Holdings, Option<i64>), StoreError> {
+    async fn totals(&self) -> Result<Totals, StoreError> {
         self.inner.totals().await
     }
 }

@@ -56,8 +56,6 @@ fn an_ended_job_is_tried_again_and_relabelled() {
     assert_eq!(patch(&map, &json!({"labels": {"a": 1}})).problem(422)["errors"][0]["pointer"], "/labels/a");
     assert_eq!(patch(&map, &json!({"distance": "sdf"})).problem(422)["errors"][0]["pointer"], "/distance");
     patch("/v1/maps/x", &json!({})).problem(404);
-    server.signal("-STOP");
-    server.signal("-CONT");
     server.post("/v1/jobs/x/retry", &json!({})).problem(404);
 }
 

@@ -2,15 +2,29 @@
 
 mod jobs;
 mod keys;
+mod logs;
 mod places;
+mod quotas;
 mod retention;
+mod strangers;
 #[path = "../support/mod.rs"]
 mod support;
 mod views;
 mod webhooks;
 
+use std::path::Path;
+use std::process::Command;
+
 use serde_json::Value;
 use support::{Answer, Server};
+
+/// A server that logs into a file.
+fn logging(data: &Path, log: &Path, arguments: &[&str]) -> Server {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_mapfit"));
+    command.args(["serve", "--listen", "127.0.0.1:0", "--workers", "1"]).args(arguments).arg("--data").arg(data);
+    command.stderr(std::fs::File::create(log).unwrap());
+    Server::start_command(command)
+}
 
 const JSON: (&str, &str) = ("content-type", "application/json");
 

@@ -1,11 +1,12 @@
 //! Places: which map a name has, and how a robot hears of the next.
 
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use crate::put;
 use crate::support::{Server, small};
+use crate::{JSON, put};
 
 #[test]
 fn a_place_has_the_map_that_was_published_last() {
@@ -82,4 +83,46 @@ fn a_robot_waits_for_the_next_map() {
         assert!(late < Duration::from_millis(200), "{late:?}");
     });
     server.get("/v1/places/hall?wait=61").problem(422);
+}
+
+/// Publishers at once, and a server that is killed right behind an answer: whatever was answered is there, and no number is
+/// missing or there twice.
+#[test]
+fn what_was_published_outlives_a_kill() {
+    const PUBLISHERS: i64 = 4;
+    let data = tempfile::tempdir().unwrap();
+    let map = Server::start(data.path(), 1).map_of(&small(1));
+    let body = json!({"map_id": map}).to_string();
+    let answered = Mutex::new(Vec::new());
+    for round in 1..=5 {
+        let mut server = Server::start(data.path(), 0);
+        let url = format!("{}/v1/places/hall", server.url);
+        std::thread::scope(|scope| {
+            for _ in 0..PUBLISHERS {
+                scope.spawn(|| {
+                    let publish = || ureq::put(&url).header(JSON.0, JSON.1).send(&body);
+                    // Until the server is gone.
+                    while let Ok(Ok(place)) = publish().map(|mut answer| answer.body_mut().read_json::<Value>()) {
+                        answered.lock().unwrap().push(place["version"].as_i64().unwrap());
+                    }
+                });
+            }
+            while answered.lock().unwrap().len() < 12 * round {
+                std::thread::yield_now();
+            }
+            server.child.kill().unwrap();
+        });
+    }
+    let server = Server::start(data.path(), 0);
+    let items = server.get("/v1/places/hall/versions?limit=1000").json()["items"].as_array().unwrap().clone();
+    let versions: Vec<i64> = items.iter().rev().map(|place| place["version"].as_i64().unwrap()).collect();
+    let mut answered = answered.into_inner().unwrap();
+    answered.sort_unstable();
+    println!("{} publications were answered, {} are there", answered.len(), versions.len());
+    assert_eq!(versions, (1..=versions.len() as i64).collect::<Vec<i64>>());
+    assert!(answered.windows(2).all(|pair| pair[0] < pair[1]), "no number was given twice");
+    assert!(answered.last() <= versions.last(), "what was answered is there");
+    // What was on its way when the server was killed may be there, too.
+    assert!(versions.len() as i64 <= answered.len() as i64 + 5 * PUBLISHERS);
+    assert_eq!(server.get("/v1/places/hall").json()["version"].as_i64(), versions.last().copied());
 }

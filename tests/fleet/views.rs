@@ -20,7 +20,8 @@ fn what_the_service_does_shows_in_its_metrics() {
         line.unwrap_or_else(|| panic!("{name} in {text}")).rsplit(' ').next().unwrap().parse().unwrap()
     };
     assert_eq!(value("mapfit_attempts_total{outcome=\"successful\"}"), 1.0);
-    assert_eq!((value("mapfit_maps"), value("mapfit_jobs{state=\"accepted\"}")), (1.0, 0.0));
+    assert_eq!((value("mapfit_maps"), value("mapfit_jobs{state=\"accepted\",tenant_class=\"light\"}")), (1.0, 0.0));
+    assert_eq!(value("mapfit_queue_oldest_seconds{tenant_class=\"heavy\"}"), 0.0);
     assert!(value("mapfit_map_bytes") > 1000.0 && value("process_resident_memory_bytes") > 1e6);
     assert_eq!(value("mapfit_stage_seconds_count{distance=\"sdf\",stage=\"covariance\"}"), 1.0);
     let by_route = "mapfit_http_request_seconds_count{method=\"GET\",route=\"/v1/maps/{id}\",status=\"404\"}";

@@ -10,10 +10,15 @@ use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 
 use crate::put;
-use crate::support::{Server, long, small};
+use crate::support::{Answer, Server, long, small};
 
 /// A receiver that keeps what it was sent, and answers with the statuses it is given, the last for ever.
 fn receiver(statuses: &'static [u16]) -> (String, mpsc::Receiver<(String, String)>) {
+    receiver_towards("http://127.0.0.1:1/".into(), statuses)
+}
+
+/// One that says where else to go, too.
+fn receiver_towards(elsewhere: String, statuses: &'static [u16]) -> (String, mpsc::Receiver<(String, String)>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("http://{}/hook", listener.local_addr().unwrap());
     let (tell, told) = mpsc::channel();
@@ -29,8 +34,7 @@ fn receiver(statuses: &'static [u16]) -> (String, mpsc::Receiver<(String, String
             let mut body = vec![0; length];
             reader.read_exact(&mut body).unwrap();
             let status = statuses[k.min(statuses.len() - 1)];
-            write!(stream, "HTTP/1.1 {status} X\r\ncontent-length: 0\r\nlocation: http://127.0.0.1:1/\r\n\r\n")
-                .unwrap();
+            write!(stream, "HTTP/1.1 {status} X\r\ncontent-length: 0\r\nlocation: {elsewhere}\r\n\r\n").unwrap();
             if tell.send((head, String::from_utf8(body).unwrap())).is_err() {
                 return;
             }
@@ -135,6 +139,51 @@ fn a_slow_receiver_holds_nobody_else() {
     }
     println!("all were told {:?} after the last job", ended.elapsed());
     assert!(ended.elapsed() < Duration::from_secs(5));
+}
+
+/// The only delivery of a webhook, once a try has come to nothing.
+fn tried(server: &Server, webhook: &Answer) -> Value {
+    let begun = Instant::now();
+    let retried = "mapfit_webhook_deliveries_total{outcome=\"retried\"} 1\n";
+    while !String::from_utf8_lossy(&server.get("/metrics").body).contains(retried) {
+        assert!(begun.elapsed() < Duration::from_secs(20), "it is not tried");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let path = format!("/v1/webhooks/{}/deliveries", webhook.json()["id"].as_str().unwrap());
+    server.get(&path).json()["items"][0].clone()
+}
+
+/// Nobody is called who is not allowed: not by a redirect of one who is, nor by a name that means such an address.
+#[test]
+fn neither_redirects_nor_names_lead_to_others() {
+    let data = tempfile::tempdir().unwrap();
+    let silent = TcpListener::bind("127.0.0.1:0").unwrap();
+    silent.set_nonblocking(true).unwrap();
+    let port = silent.local_addr().unwrap().port();
+    // Allowed by its number, so that the redirect would be followed if any were.
+    let (address, told) = receiver_towards(format!("http://127.0.0.1:{port}/"), &[302]);
+    let hook = |server: &Server, url: &str| {
+        let made = server.post("/v1/webhooks", &json!({"url": url, "events": ["job.successful"]}));
+        assert_eq!(made.status, 201, "{}", String::from_utf8_lossy(&made.body));
+        made
+    };
+    {
+        let server = Server::start_with(data.path(), 1, &["--webhook-allow", "127.0.0.1/32"]);
+        let redirected = hook(&server, &address);
+        server.map_of(&small(1));
+        told.recv_timeout(Duration::from_secs(10)).unwrap();
+        let delivery = tried(&server, &redirected);
+        assert_eq!((&delivery["status"], &delivery["attempts"]), (&json!("pending"), &json!(1)), "{delivery}");
+        assert!(silent.accept().is_err(), "the redirect was followed");
+    }
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 1);
+    // Not an address by its form; by what resolvers make of it, a loopback address.
+    let named = hook(&server, &format!("http://127.1:{port}/hook"));
+    server.map_of(&small(1));
+    let delivery = tried(&server, &named);
+    assert_eq!((&delivery["status"], &delivery["attempts"]), (&json!("pending"), &json!(1)), "{delivery}");
+    assert!(silent.accept().is_err(), "it was called by a name");
 }
 
 /// A delivery that was due when the server was killed is made by the next one.

@@ -7,6 +7,7 @@ mod lists;
 mod postgres_server;
 mod queue;
 mod scale;
+mod schema;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -15,7 +16,7 @@ use mapfit::fit::{Poses, Weighting, Weights};
 use mapfit::jobs::{Job, MapRecord, Progress};
 use mapfit::map::FitReport;
 use mapfit::spline::Lattice;
-use mapfit::store::{JobBoard, Leases, Listing, NewJob, PostgresStore, Records, SqliteStore, Submission, Terms};
+use mapfit::store::{Listing, NewJob, PostgresStore, Records, SqliteStore, Submission, Terms};
 
 use backup::*;
 use fleet::*;
@@ -56,7 +57,7 @@ async fn accept(store: &dyn Records, job: NewJob) -> Job {
     }
 }
 
-fn map_of(job: &Job) -> MapRecord {
+fn report() -> FitReport {
     let weights = Weights {
         eikonal: 1.0,
         eikonal_unit: String::new(),
@@ -66,7 +67,7 @@ fn map_of(job: &Job) -> MapRecord {
         model_sigma: 0.0,
         poses: Poses::Fixed,
     };
-    let fit = FitReport {
+    FitReport {
         weighting: Weighting::Paper,
         converged: true,
         iterations: 7,
@@ -83,7 +84,10 @@ fn map_of(job: &Job) -> MapRecord {
         seen_through: None,
         cut_locus: None,
         active_control_points: None,
-    };
+    }
+}
+
+fn map_of(job: &Job) -> MapRecord {
     MapRecord {
         id: uuid::Uuid::now_v7().to_string(),
         job_id: job.id.clone(),
@@ -93,7 +97,7 @@ fn map_of(job: &Job) -> MapRecord {
         created: 0,
         distance: mapfit::fit::Distance::Signed,
         lattice: Lattice { origin: [0.0, 0.0], resolution: 0.5, cells: [4, 4] },
-        fit,
+        fit: report(),
         prefix: format!("attempts/{}/{}", job.id, job.attempt),
         bytes: 1000,
         sha256: Some("0af3".into()),
@@ -164,45 +168,3 @@ conformance!(
     old_maps_are_found_but_not_what_a_place_names,
     what_is_saved_is_restored_once,
 );
-
-/// A database as version 0.2.0 left it: its jobs are claimed, listed by label and asked for their requests as before.
-#[test]
-fn a_database_of_the_first_schema_is_brought_up_to_date() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("jobs.sqlite");
-    tokio::runtime::Runtime::new().unwrap().block_on(async {
-        use sqlx::Connection;
-        let address = format!("sqlite://{}?mode=rwc", file.display());
-        let mut old = sqlx::sqlite::SqliteConnection::connect(&address).await.unwrap();
-        // As sqlx reads the folder itself; the store has its files compiled in, and takes up what this began.
-        let folder = std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/migrations/sqlite"));
-        let mut migrations = sqlx::migrate::Migrator::new(folder).await.unwrap();
-        let first: Vec<_> = migrations.migrations.iter().take(1).cloned().collect();
-        migrations.migrations = first.into();
-        migrations.run(&mut old).await.unwrap();
-        for (k, status) in ["accepted", "running", "failed", "accepted"].iter().enumerate() {
-            let progress = serde_json::to_string(&Progress::queued(9)).unwrap();
-            sqlx::query(
-                "INSERT INTO jobs (id, tenant, labels, status, progress, created, updated, request) VALUES (?, 'a', ?, ?, ?, ?, 0, ?)",
-            )
-            .bind(format!("0190000{k}-0000-7000-8000-000000000000"))
-            .bind(format!("{{\"k\": \"{}\"}}", k % 2))
-            .bind(*status)
-            .bind(progress)
-            .bind(k as i64)
-            .bind(vec![k as u8; 3])
-            .execute(&mut old)
-            .await
-            .unwrap();
-        }
-        old.close().await.unwrap();
-        let store = SqliteStore::open(&file).await.unwrap();
-        let odd = Listing { labels: vec![("k".into(), "1".into())], ..listing("a") };
-        let ids: Vec<String> = store.jobs(&odd).await.unwrap().into_iter().map(|job| job.id[..8].to_owned()).collect();
-        assert_eq!(ids, ["01900003", "01900001"]);
-        let claim = store.claim(&terms("w")).await.unwrap().unwrap();
-        assert_eq!((&claim.job.id[..8], claim.request), ("01900000", vec![0u8; 3]));
-        assert_eq!(store.claim(&terms("w")).await.unwrap().unwrap().request, vec![3u8; 3]);
-        assert!(store.claim(&terms("w")).await.unwrap().is_none());
-    });
-}

@@ -4,7 +4,9 @@ use std::time::Duration;
 
 use mapfit::jobs::lifecycle::{MAX_ATTEMPTS, after_lapse};
 use mapfit::jobs::{JobStatus, ProblemReport, Progress};
-use mapfit::store::{Cancellation, Holdings, MapRemoval, NewJob, Quota, Records, Submission, Terms, Written};
+use mapfit::store::{
+    Cancellation, Holdings, LIGHT, MapRemoval, NewJob, Quota, Records, Submission, Terms, Total, Written,
+};
 
 use crate::{DONE, LEASE, QUEUED, accept, listing, map_of, mapped, new_job, terms};
 
@@ -149,8 +151,15 @@ pub async fn holdings_and_quotas_count_what_is_there(store: &dyn Records) {
     assert_eq!(store.holdings("a").await.unwrap(), Holdings { queued: 1, running: 0, maps: 1, bytes: 1000 });
     let over = store.submit(NewJob { quota, ..new_job("a", 0) }).await.unwrap();
     assert_eq!(over, Submission::OverQuota("bytes of maps"));
-    let (all, oldest) = store.totals().await.unwrap();
-    assert_eq!((all.queued, all.maps, oldest.is_some()), (2, 1, true));
+    let all = store.totals().await.unwrap();
+    assert_eq!((all.light.held.queued, all.light.held.maps, all.light.oldest.is_some()), (2, 1, true));
+    assert_eq!(all.heavy, Total::default());
+    for _ in 0..=LIGHT {
+        accept(store, new_job("c", 0)).await;
+    }
+    let burst = store.totals().await.unwrap();
+    assert_eq!((burst.light.held, burst.heavy.held.queued), (all.light.held, LIGHT + 1));
+    assert!(burst.light.oldest >= all.light.oldest && burst.heavy.oldest.unwrap() <= burst.light.oldest.unwrap());
     assert!(matches!(store.remove_map("a", &map.id).await.unwrap(), MapRemoval::Removed(_)));
     assert_eq!(store.holdings("a").await.unwrap().bytes, 0);
     assert_eq!(store.holdings("nobody").await.unwrap(), Holdings::default());

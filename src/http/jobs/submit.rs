@@ -21,9 +21,10 @@ use crate::http::shared::multipart;
 use crate::http::shared::negotiate::{JSON, MULTIPART};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
+use crate::http::shared::rate::Standing;
 use crate::http::shared::{AppState, Caller};
 use crate::jobs::{Fault, JobRequest, Limits};
-use crate::store::{NewJob, Submission};
+use crate::store::{NewJob, Quota, Submission};
 
 /// A job that was there already, or what one would be.
 #[derive(Debug, Serialize, ToSchema)]
@@ -103,20 +104,20 @@ impl Reading {
 /// Submits, and answers with the job. Its attempts' spans are under this one, which is under the request's.
 pub async fn accept(state: &AppState, new: NewJob) -> Result<Response, Problem> {
     let span = state.workshop.traces.begin("submit", SpanKind::Producer, &Context::current(), None);
+    let quota = new.quota;
     let new = NewJob { traceparent: span.traceparent(), ..new };
     let (status, job) = match state.workshop.records.submit(new).await? {
-        Submission::Accepted(job) => (StatusCode::ACCEPTED, job),
+        Submission::Accepted(job) => {
+            tracing::info!(job = %job.id, tenant = job.tenant, "accepted");
+            (StatusCode::ACCEPTED, job)
+        }
         Submission::Repeated(job) => (StatusCode::OK, job),
         Submission::KeyReused => {
             let detail = "this Idempotency-Key was used with another body";
             let fault = Fault { pointer: String::new(), detail: detail.into() };
             return Err(Problem { slug: "idempotency-key-reused", ..Problem::invalid(vec![fault]) });
         }
-        Submission::OverQuota(what) => {
-            let detail = format!("the tenant has as many {what} as it may; see /v1/usage");
-            let problem = Problem::new(StatusCode::TOO_MANY_REQUESTS, "over-quota", "Over quota", detail);
-            return Err(Problem { retry_after: Some(30), ..problem });
-        }
+        Submission::OverQuota(what) => return Err(over_quota(what, quota)),
     };
     state.workshop.arrivals.notify_one();
     span.set("mapfit.job.id", job.id.clone());
@@ -126,6 +127,19 @@ pub async fn accept(state: &AppState, new: NewJob) -> Result<Response, Problem> 
         response.headers_mut().insert(header::LOCATION, location);
     }
     Ok(response)
+}
+
+/// Seconds after which jobs may have ended.
+const QUOTA_AGAIN: u32 = 30;
+
+fn over_quota(what: &'static str, quota: Option<Quota>) -> Problem {
+    let detail = format!("the tenant has as many {what} as it may; see /v1/usage");
+    let standing = quota.map(|Quota { queued, bytes }| {
+        let most = if what == "queued jobs" { queued } else { bytes };
+        Box::new(Standing { policy: what, quota: most.unsigned_abs(), window: None, left: 0, reset: QUOTA_AGAIN })
+    });
+    let problem = Problem::new(StatusCode::TOO_MANY_REQUESTS, "over-quota", "Over quota", detail);
+    Problem { retry_after: Some(QUOTA_AGAIN), standing, ..problem }
 }
 
 pub fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {

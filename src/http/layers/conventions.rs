@@ -1,4 +1,7 @@
 //! What holds for every response: a request id, and problems for every error, whoever raised it.
+//!
+//! Whatever is logged while a request is answered has its id, by a span of the log around it; an answer that is the service's
+//! own fault is always logged, for its id is all that a client can tell of it.
 
 use std::any::Any;
 
@@ -7,6 +10,7 @@ use axum::extract::Request;
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use tracing::Instrument;
 use uuid::Uuid;
 
 use crate::http::shared::problem::Problem;
@@ -29,18 +33,26 @@ pub async fn finish(mut request: Request, next: Next) -> Response {
     request.extensions_mut().insert(RequestId(id.clone()));
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
     let began = std::time::Instant::now();
-    let mut response = next.run(request).await;
-    let status = response.status();
-    if let Some(problem) = response.extensions_mut().remove::<Problem>() {
-        write_problem(&mut response, &problem, &path, &id);
-    } else if status.is_client_error() || status.is_server_error() {
+    // Of the highest level, so that it is there whichever level is logged.
+    let span = tracing::error_span!("request", request_id = id);
+    let mut response = next.run(request).instrument(span.clone()).await;
+    let (status, ms) = (response.status(), began.elapsed().as_millis() as u64);
+    let problem = response.extensions_mut().remove::<Problem>().or_else(|| {
         // Raised by the framework or a layer, in its own words.
-        write_problem(&mut response, &Problem::of_status(status), &path, &id);
+        (status.is_client_error() || status.is_server_error()).then(|| Problem::of_status(status))
+    });
+    if let Some(problem) = &problem {
+        write_problem(&mut response, problem, &path, &id);
     }
     if let Ok(value) = HeaderValue::from_str(&id) {
         response.headers_mut().insert(&REQUEST_ID, value);
     }
-    tracing::debug!(%method, path, status = status.as_u16(), ms = began.elapsed().as_millis() as u64, request_id = id);
+    span.in_scope(|| match &problem {
+        Some(Problem { slug, detail, .. }) if status.is_server_error() => {
+            tracing::error!(%method, path, status = status.as_u16(), ms, problem = slug, detail, "a request failed");
+        }
+        _ => tracing::debug!(%method, path, status = status.as_u16(), ms, "answered"),
+    });
     response
 }
 

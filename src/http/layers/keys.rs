@@ -11,25 +11,26 @@ use crate::access;
 use crate::http::shared::AppState;
 use crate::http::shared::caller::{Caller, Scope};
 use crate::http::shared::problem::Problem;
+use crate::http::shared::rate::Standing;
 use crate::http::shared::rules::Rule;
 
 /// Lets in whoever has the key that the route needs.
 pub async fn let_in(State(state): State<AppState>, path: MatchedPath, mut request: Request, next: Next) -> Response {
     let rule = state.rules.of_route(request.method(), path.as_str());
-    let (caller, rate) = match admit(&state, request.headers(), rule).await {
+    let (caller, standing) = match admit(&state, request.headers(), rule).await {
         Ok(admitted) => admitted,
         Err(problem) => return problem.into_response(),
     };
     request.extensions_mut().insert(caller);
     let mut response = next.run(request).await;
-    if let Some(left) = rate {
-        state.rates.mark(response.headers_mut(), left);
+    if let Some(standing) = standing {
+        standing.tell(response.headers_mut());
     }
     response
 }
 
-/// The caller, and how many requests are left where they are counted.
-async fn admit(state: &AppState, headers: &HeaderMap, rule: Rule) -> Result<(Caller, Option<u32>), Problem> {
+/// The caller, and where its key stands where requests are counted.
+async fn admit(state: &AppState, headers: &HeaderMap, rule: Rule) -> Result<(Caller, Option<Standing>), Problem> {
     if rule == Rule::Open {
         return Ok((Caller::anybody(), None));
     }
@@ -37,13 +38,13 @@ async fn admit(state: &AppState, headers: &HeaderMap, rule: Rule) -> Result<(Cal
         false => (Caller::anybody(), String::new()),
         true => authenticate(state, headers).await?,
     };
-    let left = state.rates.count(&counted_as)?;
+    let standing = state.rates.count(&counted_as)?;
     match rule {
         Rule::Open => {}
         Rule::Scope(scope) => caller.needs(scope)?,
         Rule::Closed => caller.needs_no_key()?,
     }
-    Ok((caller, left))
+    Ok((caller, standing))
 }
 
 async fn authenticate(state: &AppState, headers: &HeaderMap) -> Result<(Caller, String), Problem> {

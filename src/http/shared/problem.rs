@@ -8,6 +8,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::{IntoResponses, ToSchema};
 
+use super::rate::Standing;
 use crate::jobs::{DocumentError, Fault, RequestError};
 use crate::map::ArchiveError;
 use crate::map::npz::NpzError;
@@ -26,6 +27,8 @@ pub struct Problem {
     pub errors: Vec<FaultBody>,
     /// Seconds after which to try again, of a 429 or 503.
     pub retry_after: Option<u32>,
+    /// Of a 429: what there was too much of.
+    pub standing: Option<Box<Standing>>,
 }
 
 /// An RFC 9457 problem.
@@ -70,7 +73,7 @@ pub enum Refused {
 
 impl Problem {
     pub fn new(status: StatusCode, slug: &'static str, title: &'static str, detail: impl Into<String>) -> Self {
-        Self { status, slug, title, detail: detail.into(), errors: Vec::new(), retry_after: None }
+        Self { status, slug, title, detail: detail.into(), errors: Vec::new(), retry_after: None, standing: None }
     }
 
     /// The problem of a status that needs no more words.
@@ -128,7 +131,7 @@ impl Problem {
     }
 
     pub fn internal(error: &dyn std::error::Error) -> Self {
-        tracing::error!(%error, "a request failed");
+        tracing::error!(%error, "an answer could not be made");
         Self::of_status(StatusCode::INTERNAL_SERVER_ERROR)
     }
 
@@ -158,6 +161,9 @@ impl IntoResponse for Problem {
         }
         if self.status == StatusCode::UNAUTHORIZED {
             response.headers_mut().insert(header::WWW_AUTHENTICATE, CHALLENGE);
+        }
+        if let Some(standing) = &self.standing {
+            standing.tell(response.headers_mut());
         }
         response.extensions_mut().insert(self);
         response

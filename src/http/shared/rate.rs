@@ -11,6 +11,33 @@ use super::problem::Problem;
 /// Keys that are remembered at most; beyond, full buckets are forgotten.
 const MOST_KEYS: usize = 10_000;
 
+/// Where a client stands with something it may have so much of (draft-ietf-httpapi-ratelimit-headers).
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Standing {
+    pub policy: &'static str,
+    /// How much there may be; in so many seconds, where it comes back by itself.
+    pub quota: u64,
+    pub window: Option<u32>,
+    pub left: u64,
+    /// Seconds after which there may be more.
+    pub reset: u32,
+}
+
+impl Standing {
+    /// Tells it, beside what is told of other policies.
+    pub fn tell(&self, headers: &mut HeaderMap) {
+        let Self { policy, quota, left, reset, .. } = self;
+        let window = self.window.map(|seconds| format!(";w={seconds}")).unwrap_or_default();
+        let mut add = |name: &'static str, text: String| {
+            if let Ok(value) = HeaderValue::from_str(&text) {
+                headers.append(HeaderName::from_static(name), value);
+            }
+        };
+        add("ratelimit-policy", format!("\"{policy}\";q={quota}{window}"));
+        add("ratelimit", format!("\"{policy}\";r={left};t={reset}"));
+    }
+}
+
 /// Requests of all keys.
 pub struct Rates {
     /// Requests a second; `None` counts nothing.
@@ -23,9 +50,10 @@ impl Rates {
         Self { limit, buckets: Mutex::default() }
     }
 
-    /// Counts a request: how many are left now, or 429.
-    pub fn count(&self, key: &str) -> Result<Option<u32>, Problem> {
+    /// Counts a request: where its key stands now, or 429.
+    pub fn count(&self, key: &str) -> Result<Option<Standing>, Problem> {
         let Some(limit) = self.limit else { return Ok(None) };
+        let with = |left| Standing { policy: "requests", quota: limit.into(), window: Some(1), left, reset: 1 };
         let (full, now) = (f64::from(limit), Instant::now());
         let mut buckets = self.buckets.lock().unwrap_or_else(PoisonError::into_inner);
         let filled = |(left, at): (f64, Instant)| (left + full * (now - at).as_secs_f64()).min(full);
@@ -37,23 +65,12 @@ impl Rates {
             let detail = format!("more than {limit} requests a second with this key");
             return Err(Problem {
                 retry_after: Some(1),
+                standing: Some(Box::new(with(0))),
                 ..Problem::new(StatusCode::TOO_MANY_REQUESTS, "too-many-requests", "Too many requests", detail)
             });
         }
         buckets.insert(key.to_owned(), (left - 1.0, now));
-        Ok(Some((left - 1.0) as u32))
-    }
-
-    /// Tells the client where it stands (draft-ietf-httpapi-ratelimit-headers).
-    pub fn mark(&self, headers: &mut HeaderMap, left: u32) {
-        let Some(limit) = self.limit else { return };
-        let mut set = |name: &'static str, text: String| {
-            if let Ok(value) = HeaderValue::from_str(&text) {
-                headers.insert(HeaderName::from_static(name), value);
-            }
-        };
-        set("ratelimit-policy", format!("\"requests\";q={limit};w=1"));
-        set("ratelimit", format!("\"requests\";r={left};t=1"));
+        Ok(Some(with((left - 1.0) as u64)))
     }
 }
 
@@ -64,11 +81,10 @@ mod tests {
     #[test]
     fn a_bucket_holds_a_second_and_belongs_to_its_key() {
         let rates = Rates::new(Some(3));
-        assert_eq!(
-            [rates.count("a").unwrap(), rates.count("a").unwrap(), rates.count("a").unwrap()].map(Option::unwrap),
-            [2, 1, 0]
-        );
-        assert_eq!(rates.count("a").unwrap_err().status, StatusCode::TOO_MANY_REQUESTS);
+        let left = || rates.count("a").map(|standing| standing.unwrap().left);
+        assert_eq!([left().unwrap(), left().unwrap(), left().unwrap()], [2, 1, 0]);
+        let over = left().unwrap_err();
+        assert_eq!((over.status, over.standing.unwrap().left), (StatusCode::TOO_MANY_REQUESTS, 0));
         assert!(rates.count("b").is_ok());
         assert!(Rates::new(None).count("a").unwrap().is_none());
     }

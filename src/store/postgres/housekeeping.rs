@@ -9,7 +9,7 @@ use super::rows::{self, JOB, MAP};
 use super::{PostgresStore, now};
 use crate::jobs::MapRecord;
 use crate::jobs::lifecycle::{Verdict, past_deadline};
-use crate::store::{Holdings, Housekeeping, Judge, StoreError, Written};
+use crate::store::{Holdings, Housekeeping, Judge, LIGHT, StoreError, Totals, Written};
 
 /// Jobs failed for their deadline by one statement, and how many such statements a reaping makes.
 const BATCH: i64 = 100;
@@ -63,14 +63,20 @@ const OLD: &str = concat!(
 );
 const HOLDINGS: &str = "SELECT COALESCE(sum(queued), 0)::bigint, (SELECT count(*) FROM leases WHERE tenant = $1), \
                         COALESCE(sum(maps), 0)::bigint, COALESCE(sum(bytes), 0)::bigint FROM holdings WHERE tenant = $1";
-const TOTALS: &str = "SELECT COALESCE(sum(queued), 0)::bigint, (SELECT count(*) FROM leases), \
-                      COALESCE(sum(maps), 0)::bigint, COALESCE(sum(bytes), 0)::bigint FROM holdings";
+const TOTALS: &str = "SELECT held.queued > $1, sum(held.queued)::bigint, COALESCE(sum(busy.running), 0)::bigint, \
+                      sum(held.maps)::bigint, sum(held.bytes)::bigint \
+                      FROM (SELECT tenant, sum(queued) AS queued, sum(maps) AS maps, sum(bytes) AS bytes \
+                            FROM holdings GROUP BY tenant) AS held \
+                      LEFT JOIN (SELECT tenant, count(*) AS running FROM leases GROUP BY tenant) AS busy \
+                      ON busy.tenant = held.tenant GROUP BY 1";
 /// A lane's own time is a hint, so the head of each queue is looked at.
 const OLDEST: &str = concat!(
-    "SELECT ",
+    "SELECT held.queued > $1, ",
     now!(),
     " - min(head.created) FROM lanes CROSS JOIN LATERAL (SELECT created FROM jobs WHERE status = 'accepted' AND \
-     not_before = 0 AND tenant = lanes.tenant AND priority = lanes.priority ORDER BY created, id LIMIT 1) AS head"
+     not_before = 0 AND tenant = lanes.tenant AND priority = lanes.priority ORDER BY created, id LIMIT 1) AS head \
+     JOIN (SELECT tenant, sum(queued) AS queued FROM holdings GROUP BY tenant) AS held ON held.tenant = lanes.tenant \
+     GROUP BY 1"
 );
 
 #[async_trait]
@@ -123,9 +129,9 @@ impl Housekeeping for PostgresStore {
         Ok(holdings(sqlx::query_as(HOLDINGS).bind(tenant).fetch_one(&self.pool).await?))
     }
 
-    async fn totals(&self) -> Result<(Holdings, Option<i64>), StoreError> {
-        let all = sqlx::query_as(TOTALS).fetch_one(&self.pool).await?;
-        Ok((holdings(all), sqlx::query_scalar(OLDEST).fetch_one(&self.pool).await?))
+    async fn totals(&self) -> Result<Totals, StoreError> {
+        let held = sqlx::query_as(TOTALS).bind(LIGHT).fetch_all(&self.pool).await?;
+        Ok(Totals::of(held, sqlx::query_as(OLDEST).bind(LIGHT).fetch_all(&self.pool).await?))
     }
 }
 

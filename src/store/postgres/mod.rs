@@ -37,8 +37,9 @@ macro_rules! now {
 }
 use now;
 
-/// What submissions notify of.
+/// What submissions notify of, and publications.
 const ARRIVALS: &str = "mapfit_jobs";
+const PUBLICATIONS: &str = "mapfit_places";
 /// How long to wait before listening again where the database is away.
 const LISTEN_AGAIN: Duration = Duration::from_secs(1);
 /// What every connection is opened with. All queries are made for an index, also while the statistics know of no rows yet;
@@ -81,29 +82,34 @@ impl PostgresStore {
         Ok(Self { intake: Intake::new(PostgresLedger::new(pool.clone())), pool })
     }
 
-    /// Wakes one who waits whenever a job was accepted by any process, for as long as it is polled. What was notified while
-    /// the database was away is lost: everyone is woken then.
-    pub async fn arrivals(&self, notify: Arc<Notify>) {
+    /// Wakes one who waits for jobs whenever any process accepted one, and all who wait for places whenever any published
+    /// at one, for as long as it is polled. What was notified while the database was away is lost: everyone is woken then.
+    pub async fn listen(&self, arrivals: Arc<Notify>, publications: Arc<Notify>) {
         loop {
-            if let Err(error) = self.listen(&notify).await {
-                tracing::warn!(%error, "arrivals of jobs cannot be listened for; they are polled for");
+            if let Err(error) = self.hear(&arrivals, &publications).await {
+                tracing::warn!(%error, "jobs and publications cannot be listened for; they are polled for");
             }
             tokio::time::sleep(LISTEN_AGAIN).await;
         }
     }
 
-    async fn listen(&self, notify: &Notify) -> Result<(), StoreError> {
+    async fn hear(&self, arrivals: &Notify, publications: &Notify) -> Result<(), StoreError> {
         // Not of the pool's connections, which others wait for.
         let options = self.pool.connect_options();
         let pool = PgPoolOptions::new().max_connections(1).idle_timeout(None).max_lifetime(None);
         let pool = pool.connect_with((*options).clone()).await?;
         let mut listener = PgListener::connect_with(&pool).await?;
-        listener.listen(ARRIVALS).await?;
-        notify.notify_waiters();
+        listener.listen_all([ARRIVALS, PUBLICATIONS]).await?;
+        let all = || {
+            arrivals.notify_waiters();
+            publications.notify_waiters();
+        };
+        all();
         loop {
             match listener.try_recv().await? {
-                Some(_) => notify.notify_one(),
-                None => notify.notify_waiters(),
+                Some(told) if told.channel() == PUBLICATIONS => publications.notify_waiters(),
+                Some(_) => arrivals.notify_one(),
+                None => all(),
             }
         }
     }

@@ -4,7 +4,7 @@
 use async_trait::async_trait;
 use sqlx::{AssertSqlSafe, Postgres, Transaction};
 
-use super::{PostgresStore, now, rows};
+use super::{PUBLICATIONS, PostgresStore, now, rows};
 use crate::store::{Guard, Place, Places, Publication, StoreError};
 
 const VERSION: &str = "SELECT v.name, v.version, v.map_id, v.note, v.published, v.serial, m.sha256 \
@@ -23,6 +23,8 @@ const INSERT: &str = concat!(
     now!(),
     ")"
 );
+/// With the commit. Publications are few, so that they may commit one after the other, as transactions do that notify.
+const TELL: &str = "SELECT pg_notify($1, '')";
 const REMOVE: &str = "DELETE FROM places WHERE tenant = $1 AND name = $2";
 const SERIALS: &str = "SELECT v.tenant, v.name, v.serial FROM unnest($1::text[], $2::text[]) AS asked (tenant, name) \
                        JOIN places AS p ON (p.tenant, p.name) = (asked.tenant, asked.name) JOIN place_versions AS v \
@@ -52,6 +54,7 @@ impl Places for PostgresStore {
         sqlx::query(NAME).bind(tenant).bind(name).bind(version).execute(&mut *tx).await?;
         let insert = sqlx::query(INSERT).bind(tenant).bind(name).bind(version).bind(map_id).bind(note);
         insert.execute(&mut *tx).await?;
+        sqlx::query(TELL).bind(PUBLICATIONS).execute(&mut *tx).await?;
         let query = format!("{VERSION} WHERE v.tenant = $1 AND v.name = $2 AND v.version = $3");
         let query = sqlx::query(AssertSqlSafe(query)).bind(tenant).bind(name).bind(version);
         let place = rows::place(&query.fetch_one(&mut *tx).await?)?;

@@ -9,7 +9,7 @@ use super::rows::{self, JOB, MAP};
 use super::{SqliteStore, now};
 use crate::jobs::lifecycle::{Verdict, past_deadline};
 use crate::jobs::{MapRecord, ProblemReport};
-use crate::store::{Holdings, Housekeeping, Judge, StoreError, Written};
+use crate::store::{Holdings, Housekeeping, Judge, LIGHT, StoreError, Totals, Written};
 
 const LAPSED: &str = concat!(" FROM jobs WHERE status = 'running' AND lease_until < ", now!());
 const OVERDUE: &str = concat!(
@@ -45,9 +45,13 @@ const OLD: &str = concat!(
     " - ? AND NOT EXISTS (SELECT 1 FROM place_versions WHERE map_id = maps.id) ORDER BY created, id LIMIT ?"
 );
 const HOLDINGS: &str = "SELECT queued, running, maps, bytes FROM holdings WHERE tenant = ?";
-const TOTALS: &str = "SELECT COALESCE(sum(queued), 0), COALESCE(sum(running), 0), COALESCE(sum(maps), 0), \
-                      COALESCE(sum(bytes), 0) FROM holdings";
-const OLDEST: &str = concat!("SELECT ", now!(), " - min(created) FROM turns");
+const TOTALS: &str =
+    "SELECT queued > ? AS heavy, sum(queued), sum(running), sum(maps), sum(bytes) FROM holdings GROUP BY heavy";
+const OLDEST: &str = concat!(
+    "SELECT queued > ? AS heavy, ",
+    now!(),
+    " - min(turns.created) FROM turns JOIN holdings ON holdings.tenant = turns.tenant GROUP BY heavy"
+);
 
 #[async_trait]
 impl Housekeeping for SqliteStore {
@@ -101,9 +105,9 @@ impl Housekeeping for SqliteStore {
         Ok(held.map(holdings).unwrap_or_default())
     }
 
-    async fn totals(&self) -> Result<(Holdings, Option<i64>), StoreError> {
-        let all = sqlx::query_as(TOTALS).fetch_one(&self.readers).await?;
-        Ok((holdings(all), sqlx::query_scalar(OLDEST).fetch_one(&self.readers).await?))
+    async fn totals(&self) -> Result<Totals, StoreError> {
+        let held = sqlx::query_as(TOTALS).bind(LIGHT).fetch_all(&self.readers).await?;
+        Ok(Totals::of(held, sqlx::query_as(OLDEST).bind(LIGHT).fetch_all(&self.readers).await?))
     }
 }
 

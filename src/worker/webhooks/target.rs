@@ -133,6 +133,23 @@ mod tests {
         assert!(!lan.allows("127.0.0.1".parse().unwrap()));
     }
 
+    /// A name is checked by what it means: also one that no form gives away, for a resolver reads numbers in many ways.
+    #[test]
+    fn names_of_addresses_that_are_not_allowed_lead_nowhere() {
+        let resolve = |url: &str, allowed: &str| {
+            let allowed = Allowed(allowed.split(' ').filter_map(|net| net.parse().ok()).collect());
+            Guarded(allowed).resolve(&url.parse().unwrap(), &Config::default(), NextTimeout::default())
+        };
+        for url in
+            ["http://localhost:9/", "http://127.1:9/", "http://2130706433:9/", "http://0x7f.0.0.1:9/", "http://0:9/"]
+        {
+            let refused = resolve(url, "").unwrap_err();
+            assert!(refused.to_string().contains("not allowed"), "{url}: {refused}");
+        }
+        let own = resolve("http://localhost:9/", "127.0.0.0/8 ::1/128").unwrap();
+        assert!(!own.is_empty() && own.iter().all(|address| address.ip().is_loopback()));
+    }
+
     #[test]
     fn urls_are_refused_by_form_and_by_address() {
         let none = Allowed::default();
