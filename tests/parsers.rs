@@ -1,16 +1,26 @@
 //! Whatever a parser is given, it answers: with something whole, or with an error. Some thousands of cases here,
 //! `PROPTEST_CASES=100000 cargo test --release --test parsers` at night.
 
+use bytes::Bytes;
 use mapfit::access;
+use mapfit::http::maps::query::question;
+use mapfit::http::shared::multipart;
 use mapfit::http::shared::page::{from_cursor, from_numbered_cursor, to_cursor};
 use mapfit::import::{Ask, RecordingLimits, Selection, list_log, parse_carmen, read_log};
-use mapfit::jobs::{JobRequest, Limits, RequestError};
+use mapfit::jobs::{JobRequest, Limits, RequestError, Sightings, join_body};
 use mapfit::map::FittedMap;
 use proptest::prelude::*;
+use proptest::sample::Index;
 use serde_json::{Value, json};
 
 const LIMITS: Limits =
     Limits { control_points: 20_000, in_parts: 40_000, lattice: 40_000, scans: 50, beams_a_scan: 200, values: 10_000 };
+
+/// As many cases as `PROPTEST_CASES` says, or the usual number.
+fn config(usual: u32, max_shrink_iters: u32) -> ProptestConfig {
+    let asked = std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok());
+    ProptestConfig { max_shrink_iters, ..ProptestConfig::with_cases(asked.unwrap_or(usual)) }
+}
 
 fn job() -> Value {
     let pose = json!({"x": 1.0, "y": 1.0, "theta": 0.5});
@@ -52,6 +62,37 @@ fn stranger() -> impl Strategy<Value = Value> {
     })
 }
 
+/// Values to put into a document, and where.
+fn edits() -> impl Strategy<Value = Vec<(Index, Value)>> {
+    prop::collection::vec((any::<Index>(), stranger()), 1..4)
+}
+
+/// Bytes to put among others, and where.
+fn bytes_in(count: std::ops::Range<usize>) -> impl Strategy<Value = Vec<(Index, u8)>> {
+    prop::collection::vec((any::<Index>(), any::<u8>()), count)
+}
+
+/// A document with other values in some places.
+fn edited(mut document: Value, edits: Vec<(Index, Value)>) -> Vec<u8> {
+    for (place, value) in edits {
+        let mut all = Vec::new();
+        pointers(&document, "", &mut all);
+        *document.pointer_mut(&all[place.index(all.len())]).unwrap() = value;
+    }
+    document.to_string().into_bytes()
+}
+
+/// Bytes with others in some places, and perhaps without their end.
+fn damaged(mut bytes: Vec<u8>, edits: Vec<(Index, u8)>, (cut, of): (Index, usize)) -> Vec<u8> {
+    for (place, byte) in edits {
+        let at = place.index(bytes.len());
+        bytes[at] = byte;
+    }
+    let cut = cut.index(of * bytes.len()).min(bytes.len());
+    bytes.truncate(cut);
+    bytes
+}
+
 /// A request that is accepted can be fitted: its numbers are finite, and no larger than the limits.
 fn accepted_is_whole(parsed: &Result<JobRequest, RequestError>) -> Result<(), TestCaseError> {
     match parsed {
@@ -70,30 +111,18 @@ fn accepted_is_whole(parsed: &Result<JobRequest, RequestError>) -> Result<(), Te
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { max_shrink_iters: 2000, ..ProptestConfig::with_cases(
-        std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok()).unwrap_or(3000)) })]
+    #![proptest_config(config(3000, 2000))]
 
     #[test]
-    fn a_job_with_something_else_in_it(edits in prop::collection::vec((any::<prop::sample::Index>(), stranger()), 1..4)) {
-        let mut document = job();
-        for (place, value) in edits {
-            let mut all = Vec::new();
-            pointers(&document, "", &mut all);
-            *document.pointer_mut(&all[place.index(all.len())]).unwrap() = value;
-        }
-        accepted_is_whole(&JobRequest::parse(document.to_string().as_bytes(), &LIMITS))?;
+    fn a_job_with_something_else_in_it(edits in edits()) {
+        accepted_is_whole(&JobRequest::parse(&edited(job(), edits), &LIMITS))?;
     }
 
     #[test]
-    fn a_job_with_other_bytes_in_it(edits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..12), cut in any::<prop::sample::Index>()) {
-        let mut bytes = job().to_string().into_bytes();
-        for (place, byte) in edits {
-            let at = place.index(bytes.len());
-            bytes[at] = byte;
-        }
-        let cut = cut.index(2 * bytes.len()).min(bytes.len());
-        accepted_is_whole(&JobRequest::parse(&bytes[..cut], &LIMITS))?;
-        let _ = JobRequest::parse_labels(&bytes[..cut]);
+    fn a_job_with_other_bytes_in_it(edits in bytes_in(1..12), cut in any::<Index>()) {
+        let bytes = damaged(job().to_string().into_bytes(), edits, (cut, 2));
+        accepted_is_whole(&JobRequest::parse(&bytes, &LIMITS))?;
+        let _ = JobRequest::parse_labels(&bytes);
     }
 
     #[test]
@@ -120,6 +149,140 @@ proptest! {
     fn what_is_no_key_has_no_id(text in ".{0,80}") {
         if let Some(id) = access::id_of(&text) {
             prop_assert!(text.starts_with("mapfit_") && id.len() == 16);
+        }
+    }
+}
+
+/// Bodies beside a job's, of which what is accepted is whole.
+fn update() -> Value {
+    let mut body = job();
+    body.as_object_mut().unwrap().remove("map");
+    body
+}
+
+fn join() -> Value {
+    let pose = json!({"x": 1.0, "y": -2.0, "theta": 0.1});
+    let covariance = [0.1, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.01];
+    json!({"name": "both", "labels": {"k": "v"}, "priority": 1, "deadline_seconds": 60,
+        "maps": [{"id": "a"}, {"id": "b", "pose": pose, "pose_covariance": covariance}],
+        "map": {"distance": "vdf", "resolution": 0.2, "margin": 1, "tiling": "none"}, "fit": {"max_iterations": 10}})
+}
+
+fn sightings() -> Value {
+    let mut body = job();
+    let kept = ["scans", "noise"].map(|name| (name.to_owned(), body[name].take()));
+    let motion = json!({"x": 0.1, "y": 0.0, "theta": 0.01, "covariance": [1, 0, 0, 0, 1, 0, 0, 0, 1]});
+    let own = json!({"kind": "posterior", "hypotheses": 3, "motions": [motion]});
+    Value::Object(kept.into_iter().chain(own.as_object().unwrap().clone()).collect())
+}
+
+fn query() -> Value {
+    json!({"points": [[0.5, 1.0], [2, -3.5]], "kind": "posterior", "fields": ["distance", "sigma"]})
+}
+
+fn npy(points: &[[f64; 2]]) -> Vec<u8> {
+    let header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, 2), }}\n", points.len());
+    let mut file = b"\x93NUMPY\x01\x00".to_vec();
+    file.extend(u16::try_from(header.len()).unwrap().to_le_bytes());
+    file.extend(header.as_bytes());
+    file.extend(points.iter().flatten().flat_map(|value| value.to_le_bytes()));
+    file
+}
+
+fn form(parts: &[(String, Vec<u8>)]) -> Vec<u8> {
+    let mut body = Vec::new();
+    for (name, content) in parts {
+        body.extend(format!("--B\r\nContent-Disposition: form-data; name=\"{name}\"\r\n\r\n").as_bytes());
+        body.extend(content.iter().chain(b"\r\n"));
+    }
+    body.extend(b"--B--\r\n");
+    body
+}
+
+fn points() -> impl Strategy<Value = Vec<[f64; 2]>> {
+    prop::collection::vec(prop::array::uniform2(prop::num::f64::ANY), 0..6)
+}
+
+fn form_parts() -> impl Strategy<Value = Vec<(String, Vec<u8>)>> {
+    prop::collection::vec(("[a-z]{1,8}", prop::collection::vec(any::<u8>(), 0..40)), 0..4)
+}
+
+#[test]
+fn the_bodies_that_are_mutated_are_taken_as_they_are() {
+    let bytes = |value: Value| value.to_string().into_bytes();
+    let before = JobRequest::parse(&bytes(job()), &LIMITS).unwrap();
+    assert_eq!(before.updated(&bytes(update()), &LIMITS).unwrap().scans.len(), 4);
+    assert_eq!(join_body(&bytes(join()), &LIMITS).unwrap().members.len(), 2);
+    assert_eq!(Sightings::parse(&bytes(sightings()), &LIMITS).unwrap().motions.unwrap().len(), 1);
+    assert_eq!(question::parse(&bytes(query())).unwrap().points.len(), 2);
+}
+
+proptest! {
+    #![proptest_config(config(3000, 2000))]
+
+    #[test]
+    fn an_update_with_something_else_in_it(edits in edits()) {
+        let before = JobRequest::parse(job().to_string().as_bytes(), &LIMITS).unwrap();
+        accepted_is_whole(&before.updated(&edited(update(), edits), &LIMITS))?;
+    }
+
+    #[test]
+    fn a_join_with_something_else_in_it(edits in edits()) {
+        match join_body(&edited(join(), edits), &LIMITS) {
+            Ok(body) => for member in body.members {
+                prop_assert!(member.guess.pose.x.is_finite() && member.guess.pose.theta.is_finite());
+                prop_assert!(member.guess.covariance.iter().all(|value| value.is_finite()));
+            },
+            Err(RequestError::Faults(faults)) => prop_assert!(!faults.is_empty()),
+            Err(error) => prop_assert!(!error.to_string().is_empty()),
+        }
+    }
+
+    #[test]
+    fn sightings_with_something_else_in_them(edits in edits()) {
+        match Sightings::parse(&edited(sightings(), edits), &LIMITS) {
+            Ok(asked) => {
+                prop_assert!(asked.scans.iter().all(|own| own.scan.pose.x.is_finite() && own.sigma_range > 0.0));
+                prop_assert!(asked.motions.is_none_or(|motions| motions.len() + 1 == asked.scans.len()));
+            }
+            Err(RequestError::Faults(faults)) => prop_assert!(!faults.is_empty()),
+            Err(error) => prop_assert!(!error.to_string().is_empty()),
+        }
+    }
+
+    #[test]
+    fn a_query_with_something_else_in_it(edits in edits()) {
+        match question::parse(&edited(query(), edits)) {
+            Ok(asked) => prop_assert!(asked.points.iter().flatten().all(|value| value.is_finite())),
+            Err(problem) => prop_assert!(problem.status.is_client_error()),
+        }
+    }
+
+    #[test]
+    fn points_with_other_bytes_in_them(points in points(), edits in bytes_in(0..6), cut in any::<Index>()) {
+        let whole = question::points_of_npy(&npy(&points));
+        match points.iter().flatten().all(|value| value.is_finite()) {
+            true => prop_assert_eq!(whole.unwrap().iter().map(|p| [p.x, p.y]).collect::<Vec<_>>(), &points[..]),
+            false => prop_assert!(whole.is_err()),
+        }
+        match question::points_of_npy(&damaged(npy(&points), edits, (cut, 4))) {
+            Ok(read) => prop_assert!(read.iter().flatten().all(|value| value.is_finite())),
+            Err(problem) => prop_assert!(problem.status.is_client_error()),
+        }
+    }
+
+    #[test]
+    fn a_form_with_other_bytes_in_it(parts in form_parts(), edits in bytes_in(0..6), cut in any::<Index>()) {
+        let body = form(&parts);
+        if parts.iter().all(|(_, content)| !content.windows(3).any(|window| window == b"--B")) {
+            let read = multipart::parts(&Bytes::from(body.clone()), "B").unwrap();
+            let read: Vec<_> = read.into_iter().map(|part| (part.name, part.content.to_vec())).collect();
+            prop_assert_eq!(&read, &parts);
+        }
+        let body = damaged(body, edits, (cut, 4));
+        match multipart::parts(&Bytes::from(body.clone()), "B") {
+            Ok(read) => prop_assert!(read.iter().map(|part| part.content.len()).sum::<usize>() <= body.len()),
+            Err(problem) => prop_assert!(problem.status.is_client_error()),
         }
     }
 }
@@ -159,18 +322,11 @@ fn the_drives_that_are_mutated_are_read_as_they_are() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { max_shrink_iters: 2000, ..ProptestConfig::with_cases(
-        std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok()).unwrap_or(3000)) })]
+    #![proptest_config(config(3000, 2000))]
 
     #[test]
-    fn a_recording_with_other_bytes_in_it(drive in 0..2usize, edits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..12), cut in any::<prop::sample::Index>()) {
-        let mut bytes = DRIVES[drive].to_vec();
-        for (place, byte) in edits {
-            let at = place.index(bytes.len());
-            bytes[at] = byte;
-        }
-        let cut = cut.index(4 * bytes.len()).min(bytes.len());
-        recording_is_whole(&bytes[..cut])?;
+    fn a_recording_with_other_bytes_in_it(drive in 0..2usize, edits in bytes_in(0..12), cut in any::<Index>()) {
+        recording_is_whole(&damaged(DRIVES[drive].to_vec(), edits, (cut, 4)))?;
     }
 
     #[test]
@@ -186,21 +342,15 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { max_shrink_iters: 50, ..ProptestConfig::with_cases(
-        std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse::<u32>().ok()).map_or(300, |cases| cases / 10)) })]
+    #![proptest_config(config(2000, 50))]
 
     /// A damaged map is an error, or still a map.
     #[test]
-    fn a_map_with_other_bytes_in_it(edits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..40), cut in any::<prop::sample::Index>(), vector in any::<bool>()) {
-        let mut bytes: Vec<u8> = match vector {
+    fn a_map_with_other_bytes_in_it(edits in bytes_in(1..40), cut in any::<Index>(), vector in any::<bool>()) {
+        let bytes: Vec<u8> = match vector {
             true => include_bytes!("fixtures/format-1-vdf.npz").to_vec(),
             false => include_bytes!("fixtures/format-1-sdf.npz").to_vec(),
         };
-        for (place, byte) in edits {
-            let at = place.index(bytes.len());
-            bytes[at] = byte;
-        }
-        let cut = cut.index(2 * bytes.len()).min(bytes.len());
-        let _ = FittedMap::from_npz(&bytes[..cut]);
+        let _ = FittedMap::from_npz(&damaged(bytes, edits, (cut, 2)));
     }
 }

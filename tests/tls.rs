@@ -37,6 +37,12 @@ fn a_service_speaks_tls_to_those_who_trust_its_certificate() {
         assert_eq!(answer.status(), 200);
         assert_eq!(answer.body_mut().read_to_string().unwrap(), r#"{"status":"ready"}"#);
     }
+    // What hyper refuses by itself has words here, too.
+    let crowded = (0..150).fold(agent.get(format!("{}/livez", server.url)), |get, k| get.header(format!("x-{k}"), "y"));
+    let mut refused = crowded.call().unwrap();
+    assert_eq!(refused.status(), 431);
+    assert_eq!(refused.headers()["content-type"], "application/problem+json");
+    assert!(refused.body_mut().read_to_string().unwrap().contains("/problems/too-large"));
     let stranger = ureq::get(format!("{}/livez", server.url)).call();
     assert!(stranger.is_err(), "nobody else vouches for it");
 }

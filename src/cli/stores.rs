@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use rustix::fs::Mode;
+use rustix::process::umask;
 
 use super::CliError;
 use crate::store::{Artifacts, PostgresStore, Records, SqliteStore};
@@ -87,8 +89,9 @@ pub(super) async fn open_records(data: &Path, database_url: Option<&str>) -> Res
     }
 }
 
-/// What robots saw is nobody else's on this machine.
+/// What robots saw is nobody else's on this machine: neither the folder, nor files in one that was there before.
 fn make_private(folder: &Path) -> Result<(), CliError> {
+    umask(Mode::RWXG | Mode::RWXO);
     let mut private = std::fs::DirBuilder::new();
     std::os::unix::fs::DirBuilderExt::mode(private.recursive(true), 0o700);
     private.create(folder).map_err(CliError::io(format!("the data folder {} cannot be made", folder.display())))

@@ -8,15 +8,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
-use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
-use hyper_util::server::conn::auto::Builder;
-use hyper_util::server::graceful::GracefulShutdown;
+use hyper::server::conn::http1::Builder;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::server::graceful::{GracefulShutdown, Watcher};
 use hyper_util::service::TowerToHyperService;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
 use tokio::sync::{Semaphore, watch};
 use tokio_io_timeout::TimeoutStream;
 
 use super::tls::Tls;
+use super::worded::{LARGEST_HEAD, Worded};
 
 /// From the end of the last answer to the end of the next request's header.
 const HEADER_WITHIN: Duration = Duration::from_secs(30);
@@ -34,8 +36,8 @@ pub async fn serve(
     shutdown: impl Future<Output = ()>,
 ) {
     // Telling HTTP/2 from 1 would wait for a connection's first bytes, for ever.
-    let mut builder = Builder::new(TokioExecutor::new()).http1_only();
-    builder.http1().timer(TokioTimer::new()).header_read_timeout(HEADER_WITHIN);
+    let mut builder = Builder::new();
+    builder.timer(TokioTimer::new()).header_read_timeout(HEADER_WITHIN).max_header_size(LARGEST_HEAD);
     let open = Arc::new(Semaphore::new(connections));
     let graceful = GracefulShutdown::new();
     // Dropped when the service closes, which ends waiting for a connection's first byte.
@@ -73,12 +75,9 @@ pub async fn serve(
             }
             let mut stream = TimeoutStream::new(stream);
             stream.set_write_timeout(Some(TAKEN_WITHIN));
-            let (stream, service) = (Box::pin(stream), TowerToHyperService::new(app));
+            let stream = Box::pin(stream);
             let ended = match acceptor {
-                None => {
-                    let connection = builder.serve_connection_with_upgrades(TokioIo::new(stream), service);
-                    watcher.watch(connection.into_owned()).await
-                }
+                None => converse(stream, &builder, app, watcher).await,
                 Some(acceptor) => {
                     let shaken = tokio::select! {
                         shaken = tokio::time::timeout(HEADER_WITHIN, acceptor.accept(stream)) => shaken,
@@ -88,8 +87,7 @@ pub async fn serve(
                         tracing::debug!("a connection did not get as far as TLS");
                         return;
                     };
-                    let connection = builder.serve_connection_with_upgrades(TokioIo::new(stream), service);
-                    watcher.watch(connection.into_owned()).await
+                    converse(stream, &builder, app, watcher).await
                 }
             };
             if let Err(error) = ended {
@@ -99,4 +97,13 @@ pub async fn serve(
     }
     drop((listener, closing));
     graceful.shutdown().await;
+}
+
+/// Answers a client until it closes, or until the service does.
+async fn converse<S>(stream: S, builder: &Builder, app: Router, watcher: Watcher) -> hyper::Result<()>
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+{
+    let service = TowerToHyperService::new(app);
+    watcher.watch(builder.serve_connection(TokioIo::new(Worded::new(stream)), service)).await
 }

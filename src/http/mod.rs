@@ -7,6 +7,7 @@
 //! | [`shared`] | what all routes share: problems, parameters, formats, bodies, budgets |
 //! | [`layers`] | what stands around all routes: who may ask, request ids, compression |
 //! | [`listener`], [`tls`] | connections: how many, for how long, and what they speak |
+//! | `worded` | words for what never becomes a request |
 //!
 //! Domain errors know nothing of HTTP; they become problems here, at the border.
 
@@ -20,6 +21,7 @@ pub mod router;
 pub mod shared;
 pub mod tls;
 pub mod webhooks;
+mod worded;
 
 pub use router::{Faces, document, router, router_of_worker};
 pub use shared::state::HttpLimits;

@@ -72,6 +72,9 @@ pub struct Area {
 }
 
 impl JobRequest {
+    /// What a request's document may have.
+    pub const MEMBERS: [&str; 8] = ["name", "labels", "scans", "noise", "map", "fit", "priority", "deadline_seconds"];
+
     /// The fit's end, found again; `map` is this request's.
     pub fn resume(&self, map: &FittedMap) -> Result<Estimate, SurveyError> {
         if self.joined.is_some() {
@@ -140,8 +143,7 @@ impl JobRequest {
 
 impl Reader<'_> {
     fn request(&mut self, document: &Node) -> Option<JobRequest> {
-        let known = ["name", "labels", "scans", "noise", "map", "fit", "priority", "deadline_seconds"];
-        let campaign = self.campaign(document, &known)?;
+        let campaign = self.campaign(document, &JobRequest::MEMBERS)?;
         let map = self.required(document, "", "map", Self::map);
         let seen = campaign.scans.as_deref().and_then(|scans| self.returns(scans));
         let lattice = match (&campaign.scans, &seen, &map) {

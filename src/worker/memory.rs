@@ -74,18 +74,6 @@ impl Drop for Reserved<'_> {
     }
 }
 
-/// The memory that this process may use: its cgroup's limit, or the machine's.
-pub fn of_this_machine() -> u64 {
-    let read = |file: &str| std::fs::read_to_string(file).ok();
-    let limit = read("/sys/fs/cgroup/memory.max").and_then(|text| text.trim().parse::<u64>().ok());
-    let machine = read("/proc/meminfo").and_then(|text| {
-        let line = text.lines().find(|line| line.starts_with("MemTotal:"))?;
-        line.split_whitespace().nth(1)?.parse::<u64>().ok().map(|kilobytes| kilobytes << 10)
-    });
-    let machine = machine.unwrap_or(4 << 30);
-    limit.map_or(machine, |limit| limit.min(machine))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

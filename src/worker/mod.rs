@@ -6,6 +6,7 @@
 //! flag, the fit stops within one step and writes nothing. Errors that would recur fail the job at once; only the
 //! infrastructure's errors retry, with backoff.
 
+mod allowance;
 mod attempt;
 mod background;
 mod clock;
@@ -33,7 +34,7 @@ use crate::store::{Artifacts, Claim, Records, Terms};
 use crate::traces::Traces;
 
 pub use background::in_background;
-pub use memory::{Reserved, of_this_machine};
+pub use memory::Reserved;
 pub use metrics::Metrics;
 pub use rules::Rules;
 pub use solver::{Follower, Solver, fit_request};

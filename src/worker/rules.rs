@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::memory::of_this_machine;
+use super::allowance::of_this_machine;
 use super::webhooks::Allowed;
 use crate::jobs::Retention;
 

@@ -17,6 +17,8 @@ use crate::import::{Ask, LogError, RecordingError, RecordingLimits, Selection, j
 use crate::jobs::document::Node;
 use crate::jobs::{Fault, JobRequest, Limits, RequestError};
 
+/// What options have beside a job's members.
+const OWN: [&str; 5] = ["scan_topic", "pose_topic", "every", "from", "to"];
 /// Values that options may have: a recording has the scans, so they are small.
 const MOST_OPTIONS: usize = 10_000;
 /// Chunks together may unpack to so many times what a body may have.
@@ -63,11 +65,7 @@ fn both(parts: Vec<Part>) -> Result<(Bytes, Bytes), Problem> {
     let mut faults = Vec::new();
     let mut fault = |pointer: String, detail: &str| faults.push(Fault { pointer, detail: detail.into() });
     for part in parts.iter().filter(|part| !["recording", "options"].contains(&part.name.as_str())) {
-        let shown: String = part.name.chars().take(60).collect();
-        fault(
-            format!("/{}", shown.replace('~', "~0").replace('/', "~1")),
-            "is not known here; recording and options are",
-        );
+        fault(pointer_to(&part.name), "is not known here; recording and options are");
     }
     let mut one = |name: &str, what: &str| {
         let mut named = parts.iter().filter(|part| part.name == name);
@@ -87,8 +85,14 @@ fn both(parts: Vec<Part>) -> Result<(Bytes, Bytes), Problem> {
     }
 }
 
+/// The pointer to a member that a client named.
+fn pointer_to(name: &str) -> String {
+    let shown: String = name.chars().take(60).collect();
+    format!("/{}", shown.replace('~', "~0").replace('/', "~1"))
+}
+
 /// What is asked of a recording.
-struct Options {
+pub(super) struct Options {
     ask: Ask,
     selection: Selection,
     /// The job, without scans.
@@ -97,7 +101,7 @@ struct Options {
 
 impl Options {
     /// Every fault that can be told without the recording.
-    fn read(json: &[u8], limits: &Limits) -> Result<Self, Problem> {
+    pub(super) fn read(json: &[u8], limits: &Limits) -> Result<Self, Problem> {
         Node::parse(json, MOST_OPTIONS)?;
         let value = serde_json::from_slice(json).map_err(|error| Problem {
             slug: "malformed-json",
@@ -143,6 +147,13 @@ impl Options {
         };
         if taken("scans").is_some() {
             fault("scans", "are the recording's; leave them out");
+        }
+        let known = || JobRequest::MEMBERS.into_iter().filter(|name| *name != "scans");
+        let strangers: Vec<String> = job.keys().filter(|name| known().all(|own| own != *name)).cloned().collect();
+        for name in strangers {
+            job.remove(&name);
+            let detail = format!("is not known here; {} are", known().chain(OWN).collect::<Vec<_>>().join(", "));
+            faults.push(Fault { pointer: pointer_to(&name), detail });
         }
         // What a job without scans is told beside that.
         let without = serde_json::to_vec(&job).map_err(|error| Problem::internal(&error))?;

@@ -5,7 +5,7 @@ use axum::response::Response;
 use super::pictures::{DEFAULT_WIDTH, WIDTHS, title};
 use super::record::FRAME;
 use super::request::{MapRequest, Settled};
-use crate::http::shared::compute::Queue;
+use crate::http::shared::compute::{Leash, Queue};
 use crate::http::shared::negotiate::{Binary, GEOJSON, JSON, PNG, SVG};
 use crate::http::shared::problem::{Problem, Refused, to_json};
 use crate::jobs::MapRecord;
@@ -43,8 +43,9 @@ pub async fn get_map_changes(mut request: MapRequest) -> Result<Response, Proble
     let since = since.ok_or_else(|| Problem::not_found("there is no such map"))?;
     let (new, old) = (wanted.state.load(&wanted.record).await?, wanted.state.load(&since).await?);
     let (record, format) = (wanted.record.clone(), wanted.format);
-    let make = move |_: &_| {
+    let make = move |leash: &Leash| {
         let found = changes(&new, &old, probability).map_err(RenderError::from)?;
+        leash.goes_on()?;
         let picture = || changes_picture(&new, &found, width, &title(&record, &format!("since {}", since.id)));
         match format {
             SVG => Ok(picture()?.into_bytes()),

@@ -117,8 +117,8 @@ pub async fn get_map_covariance(mut request: MapRequest) -> Result<Response, Pro
     };
     let format = wanted.format;
     let one: Vec<usize> = match (form, window) {
-        (Form::Diagonal, _) => return wanted.from_map(move |map, _, format| diagonal(map, kind, format)).await,
-        (Form::Sparse, _) => return wanted.from_map(move |map, _, _| Ok(scipy_sparse(&map.field, kind)?)).await,
+        (Form::Diagonal, _) => return wanted.from_map(move |map, _, format, _| diagonal(map, kind, format)).await,
+        (Form::Sparse, _) => return wanted.from_map(move |map, _, _, _| Ok(scipy_sparse(&map.field, kind)?)).await,
         (Form::Block, Some(window)) => points_of(&wanted.record.lattice, &window),
         (Form::Full, _) => (0..wanted.record.lattice.len()).collect(),
         _ => Vec::new(),

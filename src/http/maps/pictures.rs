@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 
 use super::record::FRAME;
 use super::request::{KINDS, MapRequest};
+use crate::http::shared::compute::Leash;
 use crate::http::shared::negotiate::{Binary, GEOJSON, JSON, MCAP, NPZ, PNG, SVG, TIFF, ZIP};
 use crate::http::shared::page::timestamp;
 use crate::http::shared::params::Params;
@@ -42,8 +43,9 @@ pub async fn get_map_contours(mut request: MapRequest) -> Result<Response, Probl
     let sigma_band = params.number("sigma_band", 1e-3, 100.0);
     let kind = params.choice("kind", &KINDS);
     let width = params.number("width", WIDTHS.0, WIDTHS.1).unwrap_or(DEFAULT_WIDTH);
-    let make = move |map: &FittedMap, record: &MapRecord, format| {
+    let make = move |map: &FittedMap, record: &MapRecord, format, leash: &Leash| {
         let traced = trace(map, level, sigma_band, kind)?;
+        leash.goes_on()?;
         let picture = || contour_picture(map, &traced, width, &title(record, &format!("level {level} m")));
         match format {
             SVG => Ok(picture()?.into_bytes()),
@@ -51,7 +53,7 @@ pub async fn get_map_contours(mut request: MapRequest) -> Result<Response, Probl
             _ => to_json(&to_geojson(&traced, FRAME)),
         }
     };
-    request.answer(&[GEOJSON, JSON, SVG, PNG], make).await
+    request.answer_while(&[GEOJSON, JSON, SVG, PNG], make).await
 }
 
 /// The occupancy grid map.
@@ -74,15 +76,16 @@ pub async fn get_map_ogm(mut request: MapRequest) -> Result<Response, Problem> {
     if width * height > LARGEST_GRID {
         params.fault("resolution", format!("gives {:.0} cells; the limit is {LARGEST_GRID:.0}", width * height));
     }
-    let make = move |map: &FittedMap, record: &MapRecord, format| {
+    let make = move |map: &FittedMap, record: &MapRecord, format, leash: &Leash| {
         let grid = OccupancyGrid::of(map, resolution, kind);
+        leash.goes_on()?;
         match format {
             PNG => Ok(grayscale_png(grid.width as u32, grid.height as u32, &grid.to_gray())?),
             ZIP => Ok(to_nav2_zip(&grid, mode)?),
             _ => to_json(&occupancy_json(&grid, record)),
         }
     };
-    request.answer(&[JSON, PNG, ZIP], make).await
+    request.answer_while(&[JSON, PNG, ZIP], make).await
 }
 
 /// Rasters for planners: distance, sigma and clearance at cell centres, NaN where nothing was observed.
@@ -106,11 +109,12 @@ pub async fn get_map_grid(mut request: MapRequest) -> Result<Response, Problem> 
     if width * height > LARGEST_GRID {
         params.fault("resolution", format!("gives {:.0} cells; the limit is {LARGEST_GRID:.0}", width * height));
     }
-    let make = move |map: &FittedMap, _: &MapRecord, format| {
+    let make = move |map: &FittedMap, _: &MapRecord, format, leash: &Leash| {
         let rasters = Rasters::of(map, &layers, resolution, kind);
+        leash.goes_on()?;
         if format == TIFF { Ok(rasters.to_geotiff()?) } else { Ok(rasters.to_npz()?) }
     };
-    request.answer(&[NPZ, TIFF], make).await
+    request.answer_while(&[NPZ, TIFF], make).await
 }
 
 /// The map as a recording that ROS 2's tools, Lichtblick and Foxglove read.
@@ -132,12 +136,14 @@ pub async fn get_map_mcap(mut request: MapRequest) -> Result<Response, Problem> 
     if width * height > LARGEST_GRID {
         params.fault("resolution", format!("gives {:.0} cells; the limit is {LARGEST_GRID:.0}", width * height));
     }
-    let make = move |map: &FittedMap, record: &MapRecord, _| {
+    let make = move |map: &FittedMap, record: &MapRecord, _, leash: &Leash| {
         let grid = OccupancyGrid::of(map, resolution, kind);
+        leash.goes_on()?;
         let rasters = Rasters::of(map, &[RasterLayer::Distance, RasterLayer::Sigma], resolution, kind);
+        leash.goes_on()?;
         Ok(to_mcap(&grid, &rasters, &Stamp { frame: FRAME, milliseconds: record.created })?)
     };
-    request.answer(&[MCAP], make).await
+    request.answer_while(&[MCAP], make).await
 }
 
 fn raster_layers(params: &mut Params) -> Vec<RasterLayer> {

@@ -11,7 +11,7 @@ use axum::http::request::Parts;
 use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 
-use crate::http::shared::compute::Queue;
+use crate::http::shared::compute::{Leash, Queue};
 use crate::http::shared::negotiate::{Format, negotiate};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::Problem;
@@ -91,11 +91,20 @@ impl MapRequest {
         })
     }
 
-    /// Answers with what `make` makes of the map's arrays.
+    /// Answers with what `make` makes of the map's arrays in one go.
     pub async fn answer(
         self,
         offered: &[Format],
         make: impl FnOnce(&FittedMap, &MapRecord, Format) -> Result<Vec<u8>, Problem> + Send + 'static,
+    ) -> Result<Response, Problem> {
+        self.answer_while(offered, move |map, record, format, _| make(map, record, format)).await
+    }
+
+    /// Answers with what `make` makes of them step by step, as long as its leash holds.
+    pub async fn answer_while(
+        self,
+        offered: &[Format],
+        make: impl FnOnce(&FittedMap, &MapRecord, Format, &Leash) -> Result<Vec<u8>, Problem> + Send + 'static,
     ) -> Result<Response, Problem> {
         match self.settle(offered)? {
             Settled::Unchanged(response) => Ok(response),
@@ -105,14 +114,18 @@ impl MapRequest {
 }
 
 impl Wanted {
-    /// The representation `make` makes of the map's arrays.
+    /// The representation `make` makes of the map's arrays; nothing where nobody waits for it any more.
     pub async fn from_map(
         self,
-        make: impl FnOnce(&FittedMap, &MapRecord, Format) -> Result<Vec<u8>, Problem> + Send + 'static,
+        make: impl FnOnce(&FittedMap, &MapRecord, Format, &Leash) -> Result<Vec<u8>, Problem> + Send + 'static,
     ) -> Result<Response, Problem> {
         let map: Arc<FittedMap> = self.state.load(&self.record).await?;
         let (record, format) = (self.record.clone(), self.format);
-        let body = self.state.compute.run(Queue::Answers, move |_| make(&map, &record, format)).await?;
+        let form = move |leash: &Leash| {
+            leash.goes_on()?;
+            make(&map, &record, format, leash)
+        };
+        let body = self.state.compute.run(Queue::Answers, form).await?;
         self.respond(body)
     }
 

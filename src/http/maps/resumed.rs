@@ -53,7 +53,10 @@ pub async fn from_factors(
     let workshop = state.workshop.clone();
     let form = move |leash: &Leash| {
         ended.with_estimate(&workshop, leash, |mut estimate| {
-            make(Factors::of(&mut estimate).map_err(|error| Problem::internal(&error))?)
+            let factors = Factors::of(&mut estimate).map_err(|error| Problem::internal(&error))?;
+            drop(estimate);
+            leash.goes_on()?;
+            make(factors)
         })
     };
     state.compute.run(Queue::Heavy, form).await
@@ -80,6 +83,8 @@ impl Ended {
         drop(stored);
         let (_, cost) = request.cost(&|| leash.holds()).ok_or_else(too_slow)?;
         let _held = workshop.reserve(cost.bytes as u64, &|| leash.holds()).ok_or_else(too_slow)?;
-        form(request.resume(&self.map).map_err(|error| Problem::internal(&error))?)
+        let estimate = request.resume(&self.map).map_err(|error| Problem::internal(&error))?;
+        leash.goes_on()?;
+        form(estimate)
     }
 }

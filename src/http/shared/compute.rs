@@ -45,6 +45,11 @@ impl Leash {
     pub fn holds(&self) -> bool {
         !self.left.load(Ordering::Relaxed) && Instant::now() < self.until
     }
+
+    /// Between two steps of an answer: whether to take the next.
+    pub fn goes_on(&self) -> Result<(), Problem> {
+        if self.holds() { Ok(()) } else { Err(too_slow()) }
+    }
 }
 
 /// Lives as long as the client waits.

@@ -2,7 +2,7 @@
 
 mod answer;
 mod columns;
-mod question;
+pub mod question;
 
 use axum::body::Body;
 use axum::extract::{Path, State};
