@@ -43,9 +43,10 @@ interface Fitted {
  * the poses are there; the bar is of the first view, milliseconds.
  */
 async function measure(page: Page, id: string, all: string[], bar: number): Promise<void> {
+  const address = `/#/maps/${id}?show=contour,returns,poses`;
   await watchTasks(page);
   // Once for the service: a map that is asked for the first time is loaded from its arrays.
-  await page.goto(`/#/maps/${id}?show=contour,returns,poses`);
+  await page.goto(address);
   await complete(page, all);
   const views: number[] = [];
   const stalls: number[] = [];
@@ -54,21 +55,29 @@ async function measure(page: Page, id: string, all: string[], bar: number): Prom
     const machine = Math.max(1, ...slow);
     return Math.min(...views) < bar * machine && Math.min(...stalls) < STALL * machine;
   };
-  for (let k = 0; k < TIMES && !(k >= AT_LEAST && met()); k += 1) {
-    slow.push(await slowness(page));
-    const began = Date.now();
-    await page.reload();
-    await page.waitForResponse((response) => response.url().includes("/tiles/"));
-    await drawn(page);
-    views.push(Date.now() - began);
-    await complete(page, all);
-    await longestTask(page);
-    await pan(page);
-    stalls.push(await longestTask(page));
+  try {
+    for (let k = 0; k < TIMES && !(k >= AT_LEAST && met()); k += 1) {
+      slow.push(await slowness(page));
+      // Panning left its view in the address: the whole map is looked at anew.
+      await page.goto("about:blank");
+      const began = Date.now();
+      const tile = page.waitForResponse((response) => response.url().includes("/tiles/"));
+      await page.goto(address);
+      await tile;
+      await drawn(page);
+      views.push(Date.now() - began);
+      await complete(page, all);
+      await longestTask(page);
+      await pan(page);
+      stalls.push(await longestTask(page));
+    }
+  } finally {
+    console.log(`first view: ${told(views)}; bar ${bar} ms`);
+    console.log(`longest task while panned: ${told(stalls)}; bar ${STALL} ms`);
+    console.log(
+      `this machine is ${slow.map((times) => times.toFixed(1)).join(", ")} times as slow as that of the bars`,
+    );
   }
-  console.log(`first view: ${told(views)}; bar ${bar} ms`);
-  console.log(`longest task while panned: ${told(stalls)}; bar ${STALL} ms`);
-  console.log(`this machine is ${slow.map((times) => times.toFixed(1)).join(", ")} times as slow as that of the bars`);
   expect(met(), "a first view and a pan within their bars").toBe(true);
 }
 
