@@ -111,20 +111,24 @@ pub fn cloud(scenario: &Scenario) -> Plate {
 fn drawn(scenario: &Scenario, title: &str) -> (Vec<LaserScan>, Figure) {
     let mut figure = Figure::new(axes(&scenario.world.bounds()), title);
     draw_room(scenario, &mut figure);
+    // An L leaves it empty.
+    figure.legend_in_corner();
     (scenario.scans(SEED), figure)
 }
 
 fn axes(room: &Bounds) -> Axes {
-    Axes::new(room.grown(0.4), 680)
+    Axes::panel(room.grown(0.4), 680)
 }
 
 pub fn draw_room(scenario: &Scenario, figure: &mut Figure) {
     let walls: Vec<[Vec2; 2]> = scenario.world.walls().map(|(a, b)| [a, b]).collect();
     figure.path(walls.iter().map(|wall| wall.as_slice()), false, WALL);
+    figure.legend(&[("true walls", "#222")]);
 }
 
 fn draw_cloud(scans: &[LaserScan], figure: &mut Figure) {
-    for (scan, color) in scans.iter().zip(SCANS) {
+    for ((scan, color), k) in scans.iter().zip(SCANS).zip(1..) {
+        figure.legend_of_dots(&[(&format!("scan {k}"), color)]);
         figure.dots(returns_of(std::slice::from_ref(scan)).iter().map(|seen| seen.point), 1.3, color);
     }
 }
