@@ -80,8 +80,9 @@ pub(super) fn color_bar(
     for k in 0..STEPS {
         let share = |k: usize| k as f64 / STEPS as f64;
         let fill = css(color(scale.low + (scale.high - scale.low) * (share(k) + 0.5 / STEPS as f64)));
-        // Each reaches under the next, lest the page shine through between them.
-        let (y, deep) = (bottom - tall * share(k + 1), tall / STEPS as f64 + if k == 0 { 0.0 } else { 0.5 });
+        // Each reaches under the one before, lest the page shine through between them.
+        let y = bottom - tall * share(k + 1);
+        let deep = (tall / STEPS as f64 + 1.5).min(bottom - y);
         let _ = writeln!(svg, "<rect x=\"{x}\" y=\"{y:.2}\" width=\"{THICK}\" height=\"{deep:.2}\" fill=\"{fill}\"/>");
     }
     let middle = x + THICK / 2.0;
@@ -98,9 +99,8 @@ pub(super) fn color_bar(
     let ink = theme.colors().ink;
     let _ = writeln!(
         svg,
-        "<path class=\"outline\" d=\"M{x} {top:.2}L{middle} 0{}V{bottom:.2}L{middle} {height:.2}L{x} {bottom:.2}Z\" \
-         fill=\"none\" stroke=\"{ink}\" stroke-width=\"0.8\"/>",
-        format_args!("L{right} {top:.2}")
+        "<path class=\"outline\" d=\"M{x} {top:.2}L{middle} 0L{right} {top:.2}V{bottom:.2}L{middle} {height:.2}L{x} {bottom:.2}Z\" \
+         fill=\"none\" stroke=\"{ink}\" stroke-width=\"0.8\"/>"
     );
     let mut widest: f64 = 0.0;
     for tick in ticks(scale.low, scale.high, (tall / 40.0).clamp(2.0, 8.0)) {

@@ -27,8 +27,8 @@ const DOT_STEP: f64 = 0.5;
 pub struct Figure {
     pub axes: Axes,
     pub(super) theme: Theme,
-    /// Whether the plot is filled, so that lines need a halo.
-    pub(super) filled: bool,
+    /// Whether contours need a halo to be seen on what fills the plot.
+    pub(super) haloed: bool,
     title: String,
     subtitle: String,
     body: String,
@@ -43,7 +43,7 @@ impl Figure {
 
     pub fn themed(axes: Axes, title: &str, theme: Theme) -> Self {
         let (title, subtitle, body) = (title.to_owned(), String::new(), String::new());
-        Self { axes, theme, filled: false, title, subtitle, body, legend: Vec::new(), legend_in_corner: false }
+        Self { axes, theme, haloed: false, title, subtitle, body, legend: Vec::new(), legend_in_corner: false }
     }
 
     /// A second line of title, smaller.
@@ -72,7 +72,6 @@ impl Figure {
             "<image width=\"{width:.4}\" height=\"{height:.4}\" preserveAspectRatio=\"none\" \
              style=\"image-rendering:pixelated\" href=\"data:image/png;base64,{encoded}\"/>"
         );
-        self.filled = true;
         Ok(())
     }
 

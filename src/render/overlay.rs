@@ -14,8 +14,8 @@ pub const MOST_POSES: usize = 60;
 /// cells, distance is measured from another surface: the field jumps between them (as in `fit::vector`).
 const JUMP: f64 = 1.5;
 const SLACK: f64 = 0.5;
-/// Neighbours are this many pixels apart.
-const JUMP_PIXELS: usize = 2;
+/// Neighbours are about this many points apart.
+const JUMP_STEP: f64 = 2.0;
 
 /// Draws the level's lines, and its band.
 pub fn draw_contours(traced: &Contours, figure: &mut Figure) {
@@ -36,7 +36,7 @@ pub fn draw_contours(traced: &Contours, figure: &mut Figure) {
     let stroke = |color: &str, width: f64| {
         format!("fill=\"none\" stroke=\"{color}\" stroke-width=\"{width}\" stroke-linejoin=\"round\"")
     };
-    if figure.filled {
+    if figure.haloed {
         let halo = stroke(colors.halo, 3.0) + " stroke-opacity=\"0.8\"";
         figure.path(lines.iter().map(Vec::as_slice), false, &halo);
     }
@@ -75,28 +75,28 @@ pub fn draw_poses(poses: &[Pose], figure: &mut Figure) {
     figure.name(&name, Sample::Dart(style));
 }
 
-/// Draws where a vector map's field jumps: where another surface becomes the nearest. A signed map's does not.
+/// Draws where a vector map's field jumps, a cell and more from its surfaces: where another one becomes the nearest. A
+/// signed map's does not.
 pub(super) fn draw_jumps(map: &FittedMap, figure: &mut Figure) {
     if map.field.distance() != Distance::Vector {
         return;
     }
-    let axes = figure.axes;
-    let [columns, rows] = [axes.width, axes.height].map(|side| side.div_ceil(JUMP_PIXELS));
-    let place = |k: usize| axes.point(JUMP_PIXELS * (k % columns), JUMP_PIXELS * (k / columns));
-    let feet: Vec<Option<Vec2>> =
-        (0..columns * rows).map(place).map(|p| map.nearest(p).filter(|_| map.observed(p) == Some(true))).collect();
-    let farthest = JUMP * JUMP_PIXELS as f64 * axes.pixel() + SLACK * map.lattice().resolution;
+    let (axes, h) = (figure.axes, map.lattice().resolution);
+    let step = (JUMP_STEP * axes.scale).round().max(1.0) as usize;
+    let [columns, rows] = [axes.width, axes.height].map(|side| side.div_ceil(step));
+    let place = |k: usize| axes.point(step * (k % columns), step * (k / columns));
+    let foot = |p: Vec2| map.nearest(p).filter(|foot| map.observed(p) == Some(true) && (p - foot).norm() > h);
+    let feet: Vec<Option<Vec2>> = (0..columns * rows).map(|k| foot(place(k))).collect();
+    let farthest = JUMP * step as f64 * axes.pixel() + SLACK * h;
     let apart =
-        |k: usize, other: usize| matches!((feet[k], feet[other]), (Some(a), Some(b)) if (a - b).norm() > farthest);
-    let jumps: Vec<Vec2> = (0..columns * rows)
-        .filter(|&k| {
-            (k % columns + 1 < columns && apart(k, k + 1)) || (k + columns < feet.len() && apart(k, k + columns))
-        })
-        .map(place)
-        .collect();
+        |k: usize, other: usize| feet[k].zip(feet[other]).is_some_and(|(own, next)| (own - next).norm() > farthest);
+    let jumps = |&k: &usize| {
+        (k % columns + 1 < columns && apart(k, k + 1)) || (k + columns < feet.len() && apart(k, k + columns))
+    };
+    let jumps: Vec<Vec2> = (0..feet.len()).filter(jumps).map(place).collect();
     if !jumps.is_empty() {
         let color = figure.colors().jumps;
-        figure.dots(jumps, 0.7, color);
+        figure.dots(jumps, 0.5, color);
         figure.name("jumps", Sample::Dot(color.into()));
     }
 }

@@ -144,6 +144,8 @@ fn distance_layer(map: &FittedMap, page: &Page) -> Result<Figure, RenderError> {
 
 fn sigma_layer(map: &FittedMap, page: &Page) -> Result<Figure, RenderError> {
     let mut figure = page.figure(map, true);
+    // Near surfaces sigma is least, and its ramp dark.
+    figure.haloed = true;
     let theme = page.theme;
     let at = |p: Vec2| map.distance(p, page.kind).map(|(_, sigma)| sigma);
     let scale = ColorScale::of(&seen_sample(map, figure.axes, at), 1e-6);
@@ -160,7 +162,7 @@ fn sigma_layer(map: &FittedMap, page: &Page) -> Result<Figure, RenderError> {
 fn occupancy_layer(map: &FittedMap, page: &Page, cell: Option<f64>) -> Result<Figure, RenderError> {
     let mut figure = page.figure(map, true);
     let cell = cell.unwrap_or_else(|| figure.axes.pixel().max(0.25 * map.lattice().resolution));
-    figure.subtitle(&format!("{}, cells of {} m", page.about(map), number((cell * 1e3).round() / 1e3)));
+    figure.subtitle(&format!("{}, cells of {} m", page.about(map), number((cell * 1e4).round() / 1e4)));
     let theme = page.theme;
     let grid = OccupancyGrid::of(map, cell, page.kind);
     let scale = ColorScale::whole(0.0, 100.0);

@@ -97,6 +97,7 @@ fn error_map(scenario: &Scenario, h: f64, error: impl Fn(Vec2) -> f64) -> Result
     })?;
     figure.color_bar(&scale, "log10 of |error| (m)", color);
     room::draw_room(scenario, &mut figure);
+    figure.legend_in_corner();
     Ok(figure)
 }
 

@@ -128,7 +128,7 @@ pub fn draw_room(scenario: &Scenario, figure: &mut Figure) {
 
 fn draw_cloud(scans: &[LaserScan], figure: &mut Figure) {
     for ((scan, color), k) in scans.iter().zip(SCANS).zip(1..) {
-        figure.legend_of_dots(&[(&format!("scan {k}"), color)]);
+        figure.legend_of_dots(&[(format!("scan {k}").as_str(), color)]);
         figure.dots(returns_of(std::slice::from_ref(scan)).iter().map(|seen| seen.point), 1.3, color);
     }
 }
