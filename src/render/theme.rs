@@ -49,7 +49,7 @@ const DARK: Colors = Colors {
     band: "#34d399",
     returns: "#ffb454",
     poses: "#c9a6ff",
-    jumps: "#ff6b81",
+    jumps: "#7fe7ff",
 };
 
 /// Negative to positive.

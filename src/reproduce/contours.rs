@@ -219,7 +219,7 @@ fn contours_by_spacing(scenario: &Scenario, traced: &[Contours], part: Bounds, t
     let fine = |(a, b): (Vec2, Vec2)| (0..=800).map(|k| a + (b - a) * (f64::from(k) / 800.0)).collect::<Vec<_>>();
     let walls: Vec<Vec<Vec2>> = scenario.world.walls().flat_map(|wall| inside(&fine(wall), &part)).collect();
     figure.path(walls.iter().map(Vec::as_slice), false, room::WALL);
-    figure.legend(&[("true walls", "#222")]);
+    figure.legend(&[("true walls", room::WALL_COLOR)]);
     for (own, color) in traced.iter().zip(COLORS) {
         let points = |line: &geo_types::LineString<f64>| line.0.iter().map(|c| Vec2::new(c.x, c.y)).collect::<Vec<_>>();
         let lines: Vec<Vec<Vec2>> = own.lines.iter().flat_map(|line| inside(&points(line), &part)).collect();
