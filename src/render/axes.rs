@@ -1,7 +1,8 @@
 //! Where the data lie in a figure.
 //!
-//! A figure is laid out in points, whatever its size: type of twelve, lines of one. A figure 900 pixels wide has a pixel
-//! a point, a wider one in proportion; below 630 pixels a point stays 0.7 pixels, for type smaller than that is not read.
+//! A figure is laid out in points, whatever its size: type of twelve, lines of one. A figure 900 pixels wide has a
+//! pixel a point, a wider one in proportion; below 630 pixels a point stays 0.7 pixels, for type smaller than that is
+//! not read.
 
 use super::text::round_length;
 use crate::geometry::{Bounds, Vec2};

@@ -99,7 +99,8 @@ pub(super) fn color_bar(
     let ink = theme.colors().ink;
     let _ = writeln!(
         svg,
-        "<path class=\"outline\" d=\"M{x} {top:.2}L{middle} 0L{right} {top:.2}V{bottom:.2}L{middle} {height:.2}L{x} {bottom:.2}Z\" \
+        "<path class=\"outline\" d=\"M{x} {top:.2}L{middle} 0L{right} {top:.2}V{bottom:.2}\
+         L{middle} {height:.2}L{x} {bottom:.2}Z\" \
          fill=\"none\" stroke=\"{ink}\" stroke-width=\"0.8\"/>"
     );
     let mut widest: f64 = 0.0;

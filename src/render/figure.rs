@@ -234,7 +234,8 @@ impl Figure {
         let _ = writeln!(
             svg,
             "<text x=\"{middle:.1}\" y=\"{low:.1}\" text-anchor=\"{anchor}\">{x_label}</text>\
-             <text x=\"-48\" y=\"{half:.1}\" text-anchor=\"middle\" transform=\"rotate(-90 -48 {half:.1})\">{y_label}</text>"
+             <text x=\"-48\" y=\"{half:.1}\" text-anchor=\"middle\" \
+             transform=\"rotate(-90 -48 {half:.1})\">{y_label}</text>"
         );
         if let Some((metres, long)) = self.axes.scale_bar() {
             svg.push_str(&self.scale_bar(metres, long));

@@ -10,6 +10,8 @@ use super::theme::Colors;
 pub(super) enum Sample {
     Line(String),
     Patch(String),
+    /// Colours beside each other.
+    Stripes(Vec<String>),
     Dot(String),
     Dart(String),
 }
@@ -65,6 +67,13 @@ fn write_entry(svg: &mut String, (name, sample): &Entry, [x, y]: [f64; 2], color
             y - 5.0,
             colors.faint
         ),
+        Sample::Stripes(colors) => {
+            let wide = SAMPLE / colors.len() as f64;
+            colors.iter().zip(0..).try_for_each(|(color, k)| {
+                let (x, y) = (x + wide * f64::from(k), y - 5.0);
+                write!(svg, "<rect x=\"{x:.2}\" y=\"{y}\" width=\"{wide:.2}\" height=\"10\" fill=\"{color}\"/>")
+            })
+        }
         Sample::Dot(color) => write!(svg, "<circle cx=\"{middle:.1}\" cy=\"{y}\" r=\"2.2\" fill=\"{color}\"/>"),
         Sample::Dart(style) => write!(svg, "<path d=\"{}\" {style}/>", dart([middle, y], 0.0)),
     };

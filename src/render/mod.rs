@@ -1,8 +1,8 @@
 //! A map as something to look at or to hand on: contours, occupancy grids, pictures.
 //!
 //! Everything here takes a [`FittedMap`](crate::map::FittedMap) and gives numbers or bytes. A picture is described
-//! once, as SVG (`figure`, laid out by `axes` in the colours of a `theme`), and rasterised with a font that is compiled in
-//! (`raster`), so it looks the same on a host without fonts.
+//! once, as SVG (`figure`, laid out by `axes` in the colours of a `theme`), and rasterised with a font that is compiled
+//! in (`raster`), so it looks the same on a host without fonts.
 
 mod axes;
 mod color_bar;

@@ -87,8 +87,8 @@ impl Page {
 pub struct Picture {
     pub layer: Layer,
     pub overlays: Vec<Overlay>,
-    /// Metres a cell of the occupancy; where `None`, as fine as the eye wants and the lattice knows: a quarter of its own
-    /// cells, or a pixel where that is larger.
+    /// Metres a cell of the occupancy; where `None`, as fine as the eye wants and the lattice knows: a quarter of its
+    /// own cells, or a pixel where that is larger.
     pub cell: Option<f64>,
     pub page: Page,
 }
@@ -133,10 +133,13 @@ fn distance_layer(map: &FittedMap, page: &Page) -> Result<Figure, RenderError> {
     let seen = seen_sample(map, figure.axes, |p| map.distance_and_gradient(p).map(|(u, _)| u));
     let scale = if signed { ColorScale::symmetric(&seen, 0.1) } else { ColorScale::of(&seen, 0.1) };
     let color = |u: f64| if signed { theme.signed(scale.share(u)) } else { theme.distance(scale.share(u)) };
-    fill(&mut figure, theme.unseen(), |p| {
+    let washed = |u: f64| mixed(color(u), theme.unseen(), WASHED);
+    let ramp = [scale.low, 0.5 * (scale.low + scale.high), scale.high].map(washed);
+    let sample = [theme.unseen(), ramp[0], ramp[1], ramp[2]].map(css).into();
+    fill(&mut figure, theme.unseen(), sample, |p| {
         let (u, _) = map.distance_and_gradient(p)?;
         let seen = map.evidence.at(map.lattice(), p).any();
-        Some(if seen { Shown::Seen(color(u)) } else { Shown::Beyond(mixed(color(u), theme.unseen(), WASHED)) })
+        Some(if seen { Shown::Seen(color(u)) } else { Shown::Beyond(washed(u)) })
     })?;
     figure.color_bar(&scale, "distance (m)", color);
     Ok(figure)
@@ -149,7 +152,7 @@ fn sigma_layer(map: &FittedMap, page: &Page) -> Result<Figure, RenderError> {
     let theme = page.theme;
     let at = |p: Vec2| map.distance(p, page.kind).map(|(_, sigma)| sigma);
     let scale = ColorScale::of(&seen_sample(map, figure.axes, at), 1e-6);
-    fill(&mut figure, theme.unseen(), |p| {
+    fill(&mut figure, theme.unseen(), vec![css(theme.unseen())], |p| {
         let sigma = at(p).filter(|_| map.evidence.at(map.lattice(), p).any())?;
         Some(Shown::Seen(theme.sigma(scale.share(sigma))))
     })?;
@@ -167,7 +170,7 @@ fn occupancy_layer(map: &FittedMap, page: &Page, cell: Option<f64>) -> Result<Fi
     let grid = OccupancyGrid::of(map, cell, page.kind);
     let scale = ColorScale::whole(0.0, 100.0);
     let color = |percent: f64| theme.occupancy(scale.share(percent));
-    fill(&mut figure, theme.unknown(), |p| {
+    fill(&mut figure, theme.unknown(), vec![css(theme.unknown())], |p| {
         let at = |axis: usize, n: usize| {
             let k = (p[axis] - grid.origin[axis]) / grid.resolution;
             (k >= 0.0 && k < n as f64).then_some(k as usize)
@@ -186,8 +189,13 @@ enum Shown {
     Beyond([u8; 3]),
 }
 
-/// Fills the plot, with `unseen` where there is nothing to show, and names that where it is so.
-fn fill(figure: &mut Figure, unseen: [u8; 3], shown: impl Fn(Vec2) -> Option<Shown>) -> Result<(), RenderError> {
+/// Fills the plot, with `unseen` where there is nothing to show, and names what nobody saw, by a sample of its colours.
+fn fill(
+    figure: &mut Figure,
+    unseen: [u8; 3],
+    sample: Vec<String>,
+    shown: impl Fn(Vec2) -> Option<Shown>,
+) -> Result<(), RenderError> {
     let any_unseen = Cell::new(false);
     figure.raster(|p| {
         let [r, g, b] = match shown(p) {
@@ -200,7 +208,7 @@ fn fill(figure: &mut Figure, unseen: [u8; 3], shown: impl Fn(Vec2) -> Option<Sho
         [r, g, b, 255]
     })?;
     if any_unseen.get() {
-        figure.name("unseen", Sample::Patch(format!("fill=\"{}\"", css(unseen))));
+        figure.name("unseen", Sample::Stripes(sample));
     }
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! What is drawn in which colour, on a light page and on a dark one.
 //!
-//! Layers have the ramps of the tiles (`tile`), but for signed distance on a dark page: there zero is dark, or the walls
-//! would lie in the glare of everything near them. Crameri's "berlin" is that ramp (doi:10.5281/zenodo.1243862).
+//! Layers have the ramps of the tiles (`tile`), but for signed distance on a dark page: there zero is dark, or the
+//! walls would lie in the glare of everything near them. Crameri's "berlin" is that ramp (doi:10.5281/zenodo.1243862).
 
 use colorous::Gradient;
 

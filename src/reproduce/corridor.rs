@@ -77,9 +77,9 @@ fn grid(survey: &Survey, maps: &[FittedMap; 2], suffix: &str, place: &str) -> Re
     Ok(Plate {
         name: format!("figure-10{suffix}"),
         title: format!("Occupancy grid of {place}"),
-        caption: "The occupancy grid at h = 0.25 m with the true walls (green): published objective, from the poses as reported, and ours, \
-                  which refines them. Below, the distance from the surfaces on which V vanishes and means it, their contour and its two-sigma \
-                  band."
+        caption: "The occupancy grid at h = 0.25 m with the true walls (green): published objective, from the poses as \
+                  reported, and ours, which refines them. Below, the distance from the surfaces on which V vanishes and \
+                  means it, their contour and its two-sigma band."
             .into(),
         svg: sheet.finish(),
         compared: against_truth(survey, maps),
