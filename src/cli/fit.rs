@@ -15,7 +15,7 @@ use crate::import::RecordingLimits;
 use crate::jobs::{JobRequest, Limits, Progress, RequestError};
 use crate::map::{ArchiveError, FittedMap, MapError, SurveyError, factors_npz, on_lattice_npz, scipy_sparse};
 use crate::render::{
-    Layer, Nav2Mode, OccupancyGrid, Overlay, Picture, contours, map_picture, svg_to_png, to_geojson, to_nav2_zip,
+    Layer, Nav2Mode, OccupancyGrid, Overlay, Page, Picture, contours, map_picture, svg_to_png, to_geojson, to_nav2_zip,
 };
 use crate::sparse::Team;
 use crate::uncertainty::{Factors, Kind};
@@ -83,9 +83,13 @@ fn write_map(out: &Path, map: &FittedMap, name: &str) -> Result<(), CliError> {
     let grid = OccupancyGrid::of(map, map.lattice().resolution, Kind::Propagated);
     write(out, "ogm.zip", &to_nav2_zip(&grid, Nav2Mode::Trinary)?)?;
     for (file, layer) in [("distance", Layer::Distance), ("sigma", Layer::Sigma), ("occupancy", Layer::Occupancy)] {
-        let overlays = if layer == Layer::Distance { vec![Overlay::Points, Overlay::Contour] } else { vec![] };
-        let title = format!("{name}: {file}");
-        let picture = Picture { layer, overlays, width: 900, kind: Kind::Propagated, title };
+        let overlays = match layer {
+            Layer::Distance => vec![Overlay::Points, Overlay::Contour],
+            Layer::Sigma => vec![Overlay::Contour],
+            Layer::Occupancy => vec![],
+        };
+        let page = Page::new(format!("{name}: {file}"), 900);
+        let picture = Picture { layer, overlays, cell: None, page };
         write(out, &format!("{file}.png"), &svg_to_png(&map_picture(map, &picture)?)?)?;
     }
     Ok(())

@@ -46,6 +46,7 @@ pub fn changes_picture(new: &FittedMap, changes: &[Change], width: usize, title:
         };
         let style = format!("fill=\"{color}\" fill-opacity=\"0.45\" stroke=\"{color}\" stroke-width=\"1.2\"");
         figure.path(std::iter::once(ring.as_slice()), true, &style);
+        figure.legend(&[(change.role.name(), color)]);
     }
     Ok(figure.finish())
 }

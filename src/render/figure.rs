@@ -1,87 +1,58 @@
-//! A figure: axes, a raster or paths in them, a colour bar, a legend. It is an SVG document.
+//! A figure: axes, a raster or paths in them, a colour bar, a legend, a scale bar. It is an SVG document, laid out in
+//! points (see `axes`).
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
 
 use base64::Engine;
 
+use super::axes::{Axes, LEFT};
+use super::color_bar::{ColorScale, color_bar};
+use super::legend::{Entry, ROW, Sample, corner, dart, rows};
 use super::raster::FONT;
+use super::text::{escaped, number, shortened, ticks};
+use super::theme::{Colors, Theme};
 use super::{RenderError, rgba_png};
-use crate::geometry::{Bounds, Vec2};
+use crate::geometry::{Pose, Vec2};
 
-const LEFT: f64 = 64.0;
-const RIGHT: f64 = 96.0;
-const TOP: f64 = 34.0;
-const BOTTOM: f64 = 48.0;
-/// Figures taller than this are scaled down instead.
-const TALLEST: f64 = 4096.0;
-
-/// Where the data's units lie in the picture's pixels; y is up in the one and down in the other.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Axes {
-    bounds: Bounds,
-    /// Pixels a unit, along x and y.
-    scale: [f64; 2],
-    labels: [&'static str; 2],
-    /// The plot's size in whole pixels.
-    pub width: usize,
-    pub height: usize,
-}
-
-impl Axes {
-    /// A map's axes, in metres, over `bounds` in a figure `width` pixels wide.
-    pub fn new(bounds: Bounds, width: usize) -> Self {
-        let [x, y] = bounds.size();
-        let room = (width as f64 - LEFT - RIGHT).max(32.0);
-        let scale = (room / x).min((TALLEST - TOP - BOTTOM) / y);
-        let whole = |side: f64| ((side * scale).round() as usize).max(1);
-        Self { bounds, scale: [scale; 2], labels: ["x (m)", "y (m)"], width: whole(x), height: whole(y) }
-    }
-
-    /// A chart's axes, whose units differ, over `bounds` in a plot of so many pixels.
-    pub fn chart(bounds: Bounds, [width, height]: [usize; 2], labels: [&'static str; 2]) -> Self {
-        let [x, y] = bounds.size();
-        Self { bounds, scale: [width as f64 / x, height as f64 / y], labels, width, height }
-    }
-
-    pub fn bounds(&self) -> Bounds {
-        self.bounds
-    }
-
-    /// The whole figure's size in pixels.
-    pub(super) fn figure_size(&self) -> [f64; 2] {
-        [self.width as f64 + LEFT + RIGHT, self.height as f64 + TOP + BOTTOM]
-    }
-
-    /// The pixel position of a point.
-    pub fn pixel(&self, p: Vec2) -> (f64, f64) {
-        (LEFT + (p.x - self.bounds.min[0]) * self.scale[0], TOP + (self.bounds.max[1] - p.y) * self.scale[1])
-    }
-
-    /// The point under the centre of a plot pixel, (0, 0) at the top left.
-    pub fn point(&self, column: usize, row: usize) -> Vec2 {
-        Vec2::new(
-            self.bounds.min[0] + (column as f64 + 0.5) / self.scale[0],
-            self.bounds.max[1] - (row as f64 + 0.5) / self.scale[1],
-        )
-    }
-}
+/// Points: above the plot, without and with a second line of title; below it, for ticks, labels and the scale bar.
+const ABOVE: [f64; 2] = [36.0, 52.0];
+const BELOW: f64 = 48.0;
+/// Below the legend.
+const FOOT: f64 = 8.0;
+/// Dots are told apart to half a point.
+const DOT_STEP: f64 = 0.5;
 
 /// An SVG document under construction.
 pub struct Figure {
     pub axes: Axes,
-    svg: String,
+    pub(super) theme: Theme,
+    /// Whether contours need a halo to be seen on what fills the plot.
+    pub(super) haloed: bool,
+    title: String,
+    subtitle: String,
+    body: String,
+    legend: Vec<Entry>,
+    legend_in_corner: bool,
 }
 
 impl Figure {
     pub fn new(axes: Axes, title: &str) -> Self {
-        let [width, height] = axes.figure_size();
-        let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
-             viewBox=\"0 0 {width} {height}\" font-family=\"{FONT}, sans-serif\" font-size=\"12\" fill=\"#222\">\n\
-             <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
-        );
-        let _ = writeln!(svg, "<text x=\"{LEFT}\" y=\"22\" font-size=\"14\">{}</text>", escaped(title));
-        Self { axes, svg }
+        Self::themed(axes, title, Theme::Light)
+    }
+
+    pub fn themed(axes: Axes, title: &str, theme: Theme) -> Self {
+        let (title, subtitle, body) = (title.to_owned(), String::new(), String::new());
+        Self { axes, theme, haloed: false, title, subtitle, body, legend: Vec::new(), legend_in_corner: false }
+    }
+
+    /// A second line of title, smaller.
+    pub fn subtitle(&mut self, text: &str) {
+        text.clone_into(&mut self.subtitle);
+    }
+
+    pub(super) fn colors(&self) -> &'static Colors {
+        self.theme.colors()
     }
 
     /// Fills the plot with one colour a pixel (straight RGBA).
@@ -95,9 +66,10 @@ impl Figure {
         }
         let png = rgba_png(width as u32, height as u32, &pixels)?;
         let encoded = base64::engine::general_purpose::STANDARD.encode(png);
+        let [width, height] = self.axes.plot();
         let _ = writeln!(
-            self.svg,
-            "<image x=\"{LEFT}\" y=\"{TOP}\" width=\"{width}\" height=\"{height}\" preserveAspectRatio=\"none\" \
+            self.body,
+            "<image width=\"{width:.4}\" height=\"{height:.4}\" preserveAspectRatio=\"none\" \
              style=\"image-rendering:pixelated\" href=\"data:image/png;base64,{encoded}\"/>"
         );
         Ok(())
@@ -108,148 +80,182 @@ impl Figure {
         let mut d = String::new();
         for line in lines {
             for (k, p) in line.iter().enumerate() {
-                let (x, y) = self.axes.pixel(*p);
+                let (x, y) = self.axes.place(*p);
                 let _ = write!(d, "{}{x:.2} {y:.2}", if k == 0 { 'M' } else { 'L' });
             }
             d.push_str(if close { "Z" } else { "" });
         }
         if !d.is_empty() {
-            let _ = writeln!(self.svg, "<path d=\"{d}\" fill-rule=\"evenodd\" {attributes}/>");
+            let _ = writeln!(self.body, "<path d=\"{d}\" fill-rule=\"evenodd\" {attributes}/>");
         }
     }
 
-    /// Draws dots, one a pixel at most.
+    /// Draws dots, one a place at most.
     pub fn dots(&mut self, points: impl IntoIterator<Item = Vec2>, radius: f64, color: &str) {
-        let places: std::collections::BTreeSet<(i64, i64)> = points
+        let places: BTreeSet<(i64, i64)> = points
             .into_iter()
-            .filter(|p| self.axes.bounds.contains(*p))
-            .map(|p| self.axes.pixel(p))
-            .map(|(x, y)| ((2.0 * x).round() as i64, (2.0 * y).round() as i64))
+            .filter(|p| self.axes.bounds().contains(*p))
+            .map(|p| self.axes.place(p))
+            .map(|(x, y)| ((x / DOT_STEP).round() as i64, (y / DOT_STEP).round() as i64))
             .collect();
         let mut d = String::new();
         for (x, y) in places {
-            let _ = write!(d, "M{} {}h0", x as f64 / 2.0, y as f64 / 2.0);
+            let _ = write!(d, "M{} {}h0", x as f64 * DOT_STEP, y as f64 * DOT_STEP);
         }
         let width = 2.0 * radius;
-        let _ = writeln!(
-            self.svg,
-            "<path d=\"{d}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"{width}\" stroke-linecap=\"round\"/>"
-        );
-    }
-
-    /// A colour bar from `low` to `high` at the right.
-    pub fn color_bar(&mut self, low: f64, high: f64, label: &str, color: impl Fn(f64) -> [u8; 3]) {
-        let height = (self.axes.height as f64).min(320.0);
-        let x = LEFT + self.axes.width as f64 + 16.0;
-        let steps = 64;
-        for k in 0..steps {
-            let value = low + (high - low) * (k as f64 + 0.5) / steps as f64;
-            let [r, g, b] = color(value);
-            let y = TOP + height * (1.0 - (k + 1) as f64 / steps as f64);
-            let tall = height / steps as f64 + 0.5;
+        if !d.is_empty() {
             let _ = writeln!(
-                self.svg,
-                "<rect x=\"{x}\" y=\"{y:.2}\" width=\"12\" height=\"{tall:.2}\" fill=\"rgb({r},{g},{b})\"/>"
+                self.body,
+                "<path d=\"{d}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"{width}\" stroke-linecap=\"round\"/>"
             );
         }
-        for tick in ticks(low, high, (height / 28.0).clamp(2.0, 6.0)) {
-            let y = TOP + height * (1.0 - (tick - low) / (high - low)) + 4.0;
-            let _ =
-                writeln!(self.svg, "<text x=\"{}\" y=\"{y:.1}\" font-size=\"11\">{}</text>", x + 17.0, number(tick));
-        }
-        let _ = writeln!(self.svg, "<text x=\"{x}\" y=\"{}\" font-size=\"11\">{}</text>", TOP - 8.0, escaped(label));
     }
 
-    /// Names of what is drawn in which colour, at the right of the plot.
+    /// Draws arrows of one size where somebody stood, whichever way he looked.
+    pub(super) fn darts(&mut self, poses: &[Pose], attributes: &str) {
+        let place = |pose: &Pose| dart(self.axes.place(pose.position()).into(), -pose.theta);
+        let d: String = poses.iter().map(place).collect();
+        let _ = writeln!(self.body, "<path d=\"{d}\" {attributes}/>");
+    }
+
+    /// What the colours mean, at the right of a plot that has room for it there.
+    pub fn color_bar(&mut self, scale: &ColorScale, label: &str, color: impl Fn(f64) -> [u8; 3]) {
+        self.body.push_str(&color_bar(self.axes.plot(), self.theme, scale, label, color));
+    }
+
+    /// Names of lines by their colours.
     pub fn legend(&mut self, entries: &[(&str, &str)]) {
-        let x = LEFT + self.axes.width as f64 + 8.0;
-        for (k, (name, color)) in entries.iter().enumerate() {
-            let y = TOP + 10.0 + 16.0 * k as f64;
-            let _ = writeln!(
-                self.svg,
-                "<path d=\"M{x} {y}h14\" stroke=\"{color}\" stroke-width=\"3\"/>\
-                 <text x=\"{}\" y=\"{}\" font-size=\"11\">{}</text>",
-                x + 18.0,
-                y + 4.0,
-                escaped(name)
-            );
+        for (name, color) in entries {
+            self.name(name, Sample::Line((*color).to_owned()));
         }
     }
 
-    /// The frame, ticks and labels; the document ends here.
-    pub fn finish(mut self) -> String {
-        let Axes { bounds, width, height, .. } = self.axes;
-        let (right, low) = (LEFT + width as f64, TOP + height as f64);
-        let _ = writeln!(
-            self.svg,
-            "<rect x=\"{LEFT}\" y=\"{TOP}\" width=\"{width}\" height=\"{height}\" fill=\"none\" stroke=\"#222\"/>"
+    /// Names of dots by their colours.
+    pub fn legend_of_dots(&mut self, entries: &[(&str, &str)]) {
+        for (name, color) in entries {
+            self.name(name, Sample::Dot((*color).to_owned()));
+        }
+    }
+
+    /// Names what is drawn, once.
+    pub(super) fn name(&mut self, name: &str, sample: Sample) {
+        if !self.legend.iter().any(|(known, _)| known == name) {
+            self.legend.push((name.to_owned(), sample));
+        }
+    }
+
+    /// Puts the legend into the plot's upper right corner, for plots that have nothing there.
+    pub fn legend_in_corner(&mut self) {
+        self.legend_in_corner = true;
+    }
+
+    /// The figure's size in pixels.
+    pub(super) fn size(&self) -> [f64; 2] {
+        let scale = self.axes.scale;
+        let [_, plot] = self.axes.plot();
+        let (_, below) = self.below();
+        [self.axes.across()[0] * scale, (self.above() + plot + below) * scale].map(f64::round)
+    }
+
+    /// What is above the plot: whole pixels, so that the raster's pixels are the picture's.
+    fn above(&self) -> f64 {
+        let above = ABOVE[usize::from(!self.subtitle.is_empty())];
+        (above * self.axes.scale).round() / self.axes.scale
+    }
+
+    /// The legend below the plot, and how much is below it.
+    fn below(&self) -> (String, f64) {
+        let [_, height] = self.axes.plot();
+        if self.legend_in_corner {
+            return (corner(&self.legend, self.axes.plot()[0], self.colors()), BELOW);
+        }
+        let [width, left] = self.axes.across();
+        let (legend, rows) = rows(&self.legend, width - left - FOOT, height + BELOW + ROW / 2.0, self.colors());
+        let deep = if rows == 0 { 0.0 } else { ROW * rows as f64 + FOOT };
+        (legend, BELOW + deep)
+    }
+
+    /// The document ends here.
+    pub fn finish(self) -> String {
+        let ([pixels_wide, pixels_high], scale, colors) = (self.size(), self.axes.scale, self.colors());
+        let ([wide, left], high, above) = (self.axes.across(), pixels_high / scale, self.above());
+        let mut svg = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{pixels_wide}\" height=\"{pixels_high}\" \
+             viewBox=\"0 0 {wide:.4} {high:.4}\" font-family=\"{FONT}, sans-serif\" font-size=\"12\" fill=\"{}\">\n\
+             <rect class=\"page\" width=\"100%\" height=\"100%\" fill=\"{}\"/>\n",
+            colors.ink, colors.page
         );
-        for tick in ticks(bounds.min[0], bounds.max[0], (width as f64 / 70.0).clamp(2.0, 12.0)) {
-            let (x, _) = self.axes.pixel(Vec2::new(tick, 0.0));
+        let from = LEFT.min(left);
+        for (text, size, y, fill) in [(&self.title, 15.0, 23.0, colors.ink), (&self.subtitle, 11.0, 41.0, colors.faint)]
+        {
+            if !text.is_empty() {
+                let text = escaped(&shortened(text, size, wide - from - FOOT));
+                let _ =
+                    writeln!(svg, "<text x=\"{from}\" y=\"{y}\" font-size=\"{size}\" fill=\"{fill}\">{text}</text>");
+            }
+        }
+        let _ = writeln!(svg, "<g class=\"plot\" transform=\"translate({left:.4} {above:.4})\">");
+        svg.push_str(&self.body);
+        svg.push_str(&self.frame());
+        svg.push_str(&self.below().0);
+        svg.push_str("</g>\n</svg>\n");
+        svg
+    }
+
+    /// The frame, ticks and labels, and the scale bar.
+    fn frame(&self) -> String {
+        let ([width, height], bounds, ink) = (self.axes.plot(), self.axes.bounds(), self.colors().ink);
+        let mut svg = format!(
+            "<rect class=\"frame\" width=\"{width:.4}\" height=\"{height:.4}\" fill=\"none\" stroke=\"{ink}\"/>\n"
+        );
+        for tick in ticks(bounds.min[0], bounds.max[0], (width / 70.0).clamp(2.0, 12.0)) {
+            let (x, _) = self.axes.place(Vec2::new(tick, 0.0));
             let _ = writeln!(
-                self.svg,
-                "<path d=\"M{x:.1} {low}v5\" stroke=\"#222\"/><text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
-                low + 18.0,
+                svg,
+                "<path d=\"M{x:.1} {height:.2}v5\" stroke=\"{ink}\"/>\
+                 <text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
+                height + 18.0,
                 number(tick)
             );
         }
-        for tick in ticks(bounds.min[1], bounds.max[1], (height as f64 / 50.0).clamp(2.0, 12.0)) {
-            let (_, y) = self.axes.pixel(Vec2::new(0.0, tick));
+        for tick in ticks(bounds.min[1], bounds.max[1], (height / 50.0).clamp(2.0, 12.0)) {
+            let (_, y) = self.axes.place(Vec2::new(0.0, tick));
             let _ = writeln!(
-                self.svg,
-                "<path d=\"M{LEFT} {y:.1}h-5\" stroke=\"#222\"/><text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
-                LEFT - 8.0,
+                svg,
+                "<path d=\"M0 {y:.1}h-5\" stroke=\"{ink}\"/>\
+                 <text x=\"-8\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
                 y + 4.0,
                 number(tick)
             );
         }
-        let middle = (LEFT + right) / 2.0;
-        let [x_label, y_label] = self.axes.labels;
-        let _ = writeln!(self.svg, "<text x=\"{middle}\" y=\"{}\" text-anchor=\"middle\">{x_label}</text>", low + 38.0);
-        let half = (TOP + low) / 2.0;
+        let ([x_label, y_label], half, low) = (self.axes.labels, height / 2.0, height + 38.0);
+        // A narrow plot's scale bar wants the room right of the label.
+        let (middle, anchor) = if width < 240.0 { (0.0, "start") } else { (width / 2.0, "middle") };
         let _ = writeln!(
-            self.svg,
-            "<text x=\"16\" y=\"{half}\" text-anchor=\"middle\" transform=\"rotate(-90 16 {half})\">{y_label}</text>"
+            svg,
+            "<text x=\"{middle:.1}\" y=\"{low:.1}\" text-anchor=\"{anchor}\">{x_label}</text>\
+             <text x=\"-48\" y=\"{half:.1}\" text-anchor=\"middle\" \
+             transform=\"rotate(-90 -48 {half:.1})\">{y_label}</text>"
         );
-        self.svg.push_str("</svg>\n");
-        self.svg
+        if let Some((metres, long)) = self.axes.scale_bar() {
+            svg.push_str(&self.scale_bar(metres, long));
+        }
+        svg
     }
-}
 
-/// Round numbers between `low` and `high`, about `count` of them: steps of 1, 2 or 5 times a power of ten.
-fn ticks(low: f64, high: f64, count: f64) -> Vec<f64> {
-    let raw = (high - low) / count;
-    if !(raw.is_finite() && raw > 0.0) {
-        return vec![low];
-    }
-    let power = 10f64.powf(raw.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * power).find(|s| *s >= raw).unwrap_or(power * 10.0);
-    let (first, last) = ((low / step - 1e-9).ceil() as i64, (high / step + 1e-9).floor() as i64);
-    (first..=last).map(|k| k as f64 * step).collect()
-}
-
-fn number(value: f64) -> String {
-    let rounded = (value * 1e6).round() / 1e6;
-    if rounded < 0.0 { format!("\u{2212}{}", -rounded) } else { format!("{}", rounded.abs()) }
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .chars()
-        .filter(|c| !c.is_control() && !matches!(c, '\u{fffe}' | '\u{ffff}'))
-        .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn ticks_are_round_and_inside() {
-        assert_eq!(ticks(-0.6, 8.6, 6.0), [0.0, 2.0, 4.0, 6.0, 8.0]);
-        assert_eq!(ticks(0.0, 0.03, 3.0), [0.0, 0.01, 0.02, 0.03]);
-        assert_eq!(ticks(1.0, 1.0, 5.0), [1.0]);
+    /// So many metres, right below the plot's right end; half of it filled.
+    fn scale_bar(&self, metres: f64, long: f64) -> String {
+        let ([width, height], ink) = (self.axes.plot(), self.colors().ink);
+        let (x, y) = (width - long, height + 30.0);
+        format!(
+            "<g class=\"scale-bar\"><rect x=\"{x:.2}\" y=\"{y:.2}\" width=\"{long:.2}\" height=\"5\" fill=\"{}\" \
+             stroke=\"{ink}\" stroke-width=\"0.8\"/><rect x=\"{x:.2}\" y=\"{y:.2}\" width=\"{:.2}\" height=\"5\" \
+             fill=\"{ink}\"/><text x=\"{:.2}\" y=\"{:.2}\" font-size=\"11\" text-anchor=\"end\">{} m</text></g>\n",
+            self.colors().page,
+            long / 2.0,
+            x - 6.0,
+            y + 7.0,
+            number(metres)
+        )
     }
 }

@@ -1,13 +1,19 @@
-//! Pictures of a map: a layer in colour, with overlays, axes in metres and a colour bar.
+//! Pictures of a map: a layer in colour, with overlays, axes in metres, a colour bar, a legend and a scale bar.
 
-use colorous::Gradient;
+use std::cell::Cell;
 
 use super::RenderError;
+use super::axes::Axes;
+use super::color_bar::ColorScale;
 use super::contour::{Contours, contours};
-use super::figure::{Axes, Figure};
+use super::figure::Figure;
+use super::legend::Sample;
 use super::occupancy::OccupancyGrid;
+use super::overlay::{draw_contours, draw_jumps, draw_poses, draw_returns};
+use super::text::number;
+use super::theme::{Theme, css, mixed};
 use crate::fit::Distance;
-use crate::geometry::{Pose, Vec2};
+use crate::geometry::Vec2;
 use crate::map::FittedMap;
 use crate::uncertainty::Kind;
 
@@ -25,6 +31,55 @@ pub enum Overlay {
     Contour,
     Points,
     Poses,
+    /// Where a vector map's field jumps.
+    Jumps,
+}
+
+/// What a picture is drawn on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Page {
+    pub title: String,
+    /// Pixels of the whole figure.
+    pub width: usize,
+    pub theme: Theme,
+    /// Whose sigma is shown.
+    pub kind: Kind,
+    /// Whether it is one of several on a sheet: type is not the smaller for it.
+    pub panel: bool,
+}
+
+impl Page {
+    /// A light page of the propagated uncertainty.
+    pub fn new(title: impl Into<String>, width: usize) -> Self {
+        Self { title: title.into(), width, theme: Theme::default(), kind: Kind::default(), panel: false }
+    }
+
+    /// An empty figure of a map.
+    fn figure(&self, map: &FittedMap, bar: bool) -> Figure {
+        let axes = match (self.panel, bar) {
+            (false, false) => Axes::new,
+            (false, true) => Axes::with_bar,
+            (true, false) => Axes::panel,
+            (true, true) => Axes::panel_with_bar,
+        };
+        let mut figure = Figure::themed(axes(map.lattice().bounds(), self.width), &self.title, self.theme);
+        figure.subtitle(&self.about(map));
+        figure
+    }
+
+    /// Which kind of map it is, how fine, and whose sigma.
+    fn about(&self, map: &FittedMap) -> String {
+        let distance = match map.field.distance() {
+            Distance::Signed => "signed",
+            Distance::Vector => "vector",
+        };
+        let kind = match self.kind {
+            Kind::Propagated => "propagated",
+            Kind::Posterior => "posterior",
+        };
+        let h = number(map.lattice().resolution);
+        format!("h = {h} m, {distance} distance, {kind} sigma")
+    }
 }
 
 /// A picture's description.
@@ -32,13 +87,11 @@ pub enum Overlay {
 pub struct Picture {
     pub layer: Layer,
     pub overlays: Vec<Overlay>,
-    /// Pixels of the whole figure.
-    pub width: usize,
-    pub kind: Kind,
-    pub title: String,
+    /// Metres a cell of the occupancy; where `None`, as fine as the eye wants and the lattice knows: a quarter of its
+    /// own cells, or a pixel where that is larger.
+    pub cell: Option<f64>,
+    pub page: Page,
 }
-
-const UNSEEN: [u8; 4] = [214, 214, 214, 255];
 
 /// The picture as SVG.
 pub fn map_picture(map: &FittedMap, picture: &Picture) -> Result<String, RenderError> {
@@ -47,64 +100,116 @@ pub fn map_picture(map: &FittedMap, picture: &Picture) -> Result<String, RenderE
 
 /// The picture as a figure that more can be drawn into.
 pub fn map_figure(map: &FittedMap, picture: &Picture) -> Result<Figure, RenderError> {
-    let mut figure = Figure::new(Axes::new(map.lattice().bounds(), picture.width), &picture.title);
-    match picture.layer {
-        Layer::Distance => distance_layer(map, &mut figure)?,
-        Layer::Sigma => sigma_layer(map, picture.kind, &mut figure)?,
-        Layer::Occupancy => occupancy_layer(map, picture.kind, &mut figure)?,
-    }
+    let page = &picture.page;
+    let mut figure = match picture.layer {
+        Layer::Distance => distance_layer(map, page)?,
+        Layer::Sigma => sigma_layer(map, page)?,
+        Layer::Occupancy => occupancy_layer(map, page, picture.cell)?,
+    };
     for overlay in &picture.overlays {
         match overlay {
-            Overlay::Contour => {
-                let traced = contours(map, 0.0, Some(2.0), picture.kind)?;
-                draw_contours(&traced, &mut figure);
-            }
-            Overlay::Points => figure.dots(map.returns.iter().copied(), 0.6, "#d95f02"),
+            Overlay::Contour => draw_contours(&contours(map, 0.0, Some(2.0), page.kind)?, &mut figure),
+            Overlay::Points => draw_returns(&map.returns, &mut figure),
             Overlay::Poses => draw_poses(&map.poses, &mut figure),
+            Overlay::Jumps => draw_jumps(map, &mut figure),
         }
     }
     Ok(figure)
 }
 
 /// Contours alone, as SVG.
-pub fn contour_picture(map: &FittedMap, traced: &Contours, width: usize, title: &str) -> Result<String, RenderError> {
-    let mut figure = Figure::new(Axes::new(map.lattice().bounds(), width), title);
+pub fn contour_picture(map: &FittedMap, traced: &Contours, page: &Page) -> String {
+    let mut figure = page.figure(map, false);
     draw_contours(traced, &mut figure);
-    Ok(figure.finish())
+    figure.finish()
 }
 
-fn distance_layer(map: &FittedMap, figure: &mut Figure) -> Result<(), RenderError> {
+/// What nobody saw is washed out: it is extrapolated.
+const WASHED: f64 = 0.65;
+
+fn distance_layer(map: &FittedMap, page: &Page) -> Result<Figure, RenderError> {
+    let mut figure = page.figure(map, true);
+    let (theme, signed) = (page.theme, map.field.distance() == Distance::Signed);
     let seen = seen_sample(map, figure.axes, |p| map.distance_and_gradient(p).map(|(u, _)| u));
-    let reach = seen.last().copied().unwrap_or(1.0).max(-seen.first().copied().unwrap_or(0.0)).clamp(0.1, 1e6);
-    let signed = map.field.distance() == Distance::Signed;
-    let color = |u: f64| match signed {
-        true => shade(colorous::RED_BLUE, 0.5 - 0.5 * u / reach),
-        false => shade(colorous::YELLOW_GREEN_BLUE, u / reach),
-    };
-    figure.raster(|p| {
-        let Some((u, _)) = map.distance_and_gradient(p) else { return UNSEEN };
-        let [r, g, b] = color(u);
-        if map.evidence.at(map.lattice(), p).any() {
-            opaque([r, g, b])
-        } else {
-            // Extrapolated, so washed out.
-            opaque([r, g, b].map(|v| (0.35 * f64::from(v) + 0.65 * 214.0) as u8))
-        }
+    let scale = if signed { ColorScale::symmetric(&seen, 0.1) } else { ColorScale::of(&seen, 0.1) };
+    let color = |u: f64| if signed { theme.signed(scale.share(u)) } else { theme.distance(scale.share(u)) };
+    let washed = |u: f64| mixed(color(u), theme.unseen(), WASHED);
+    let ramp = [scale.low, 0.5 * (scale.low + scale.high), scale.high].map(washed);
+    let sample = [theme.unseen(), ramp[0], ramp[1], ramp[2]].map(css).into();
+    fill(&mut figure, theme.unseen(), sample, |p| {
+        let (u, _) = map.distance_and_gradient(p)?;
+        let seen = map.evidence.at(map.lattice(), p).any();
+        Some(if seen { Shown::Seen(color(u)) } else { Shown::Beyond(washed(u)) })
     })?;
-    figure.color_bar(if signed { -reach } else { 0.0 }, reach, "distance (m)", color);
-    Ok(())
+    figure.color_bar(&scale, "distance (m)", color);
+    Ok(figure)
 }
 
-fn sigma_layer(map: &FittedMap, kind: Kind, figure: &mut Figure) -> Result<(), RenderError> {
-    let at = |p: Vec2| {
-        let seen = map.evidence.at(map.lattice(), p).any();
-        map.distance(p, kind).filter(|_| seen).map(|(_, sigma)| sigma)
-    };
-    let seen = seen_sample(map, figure.axes, |p| map.distance(p, kind).map(|(_, sigma)| sigma));
-    let high = seen.get(seen.len().saturating_sub(1) * 99 / 100).copied().unwrap_or(1.0).max(1e-6);
-    let color = |sigma: f64| shade(colorous::VIRIDIS, sigma / high);
-    figure.raster(|p| at(p).map_or(UNSEEN, |sigma| opaque(color(sigma))))?;
-    figure.color_bar(0.0, high, "sigma (m)", color);
+fn sigma_layer(map: &FittedMap, page: &Page) -> Result<Figure, RenderError> {
+    let mut figure = page.figure(map, true);
+    // Near surfaces sigma is least, and its ramp dark.
+    figure.haloed = true;
+    let theme = page.theme;
+    let at = |p: Vec2| map.distance(p, page.kind).map(|(_, sigma)| sigma);
+    let scale = ColorScale::of(&seen_sample(map, figure.axes, at), 1e-6);
+    fill(&mut figure, theme.unseen(), vec![css(theme.unseen())], |p| {
+        let sigma = at(p).filter(|_| map.evidence.at(map.lattice(), p).any())?;
+        Some(Shown::Seen(theme.sigma(scale.share(sigma))))
+    })?;
+    // Millimetres where metres would be all zeros.
+    let (unit, label) = if scale.high < 0.1 { (1e3, "sigma (mm)") } else { (1.0, "sigma (m)") };
+    figure.color_bar(&scale.times(unit), label, |value| theme.sigma(scale.share(value / unit)));
+    Ok(figure)
+}
+
+fn occupancy_layer(map: &FittedMap, page: &Page, cell: Option<f64>) -> Result<Figure, RenderError> {
+    let mut figure = page.figure(map, true);
+    let cell = cell.unwrap_or_else(|| figure.axes.pixel().max(0.25 * map.lattice().resolution));
+    figure.subtitle(&format!("{}, cells of {} m", page.about(map), number((cell * 1e4).round() / 1e4)));
+    let theme = page.theme;
+    let grid = OccupancyGrid::of(map, cell, page.kind);
+    let scale = ColorScale::whole(0.0, 100.0);
+    let color = |percent: f64| theme.occupancy(scale.share(percent));
+    fill(&mut figure, theme.unknown(), vec![css(theme.unknown())], |p| {
+        let at = |axis: usize, n: usize| {
+            let k = (p[axis] - grid.origin[axis]) / grid.resolution;
+            (k >= 0.0 && k < n as f64).then_some(k as usize)
+        };
+        let percent = grid.data[at(0, grid.width)? + at(1, grid.height)? * grid.width];
+        (percent >= 0).then(|| Shown::Seen(color(f64::from(percent))))
+    })?;
+    figure.color_bar(&scale, "occupied (%)", color);
+    Ok(figure)
+}
+
+/// A place's colour.
+enum Shown {
+    Seen([u8; 3]),
+    /// What a field says where nobody looked.
+    Beyond([u8; 3]),
+}
+
+/// Fills the plot, with `unseen` where there is nothing to show, and names what nobody saw, by a sample of its colours.
+fn fill(
+    figure: &mut Figure,
+    unseen: [u8; 3],
+    sample: Vec<String>,
+    shown: impl Fn(Vec2) -> Option<Shown>,
+) -> Result<(), RenderError> {
+    let any_unseen = Cell::new(false);
+    figure.raster(|p| {
+        let [r, g, b] = match shown(p) {
+            Some(Shown::Seen(color)) => color,
+            other => {
+                any_unseen.set(true);
+                if let Some(Shown::Beyond(color)) = other { color } else { unseen }
+            }
+        };
+        [r, g, b, 255]
+    })?;
+    if any_unseen.get() {
+        figure.name("unseen", Sample::Stripes(sample));
+    }
     Ok(())
 }
 
@@ -118,54 +223,4 @@ fn seen_sample(map: &FittedMap, axes: Axes, value: impl Fn(Vec2) -> Option<f64>)
         .collect();
     seen.sort_by(f64::total_cmp);
     seen
-}
-
-fn occupancy_layer(map: &FittedMap, kind: Kind, figure: &mut Figure) -> Result<(), RenderError> {
-    let grid = OccupancyGrid::of(map, map.lattice().resolution, kind);
-    let color = |percent: f64| shade(colorous::GREYS, percent / 100.0);
-    figure.raster(|p| {
-        let cell = |axis: usize, n: usize| {
-            (((p[axis] - grid.origin[axis]) / grid.resolution).floor().max(0.0) as usize).min(n - 1)
-        };
-        match grid.data[cell(0, grid.width) + cell(1, grid.height) * grid.width] {
-            -1 => [167, 197, 214, 255],
-            percent => opaque(color(f64::from(percent))),
-        }
-    })?;
-    figure.color_bar(0.0, 100.0, "occupied (%)", color);
-    Ok(())
-}
-
-/// Draws the level's lines, and its band.
-pub fn draw_contours(traced: &Contours, figure: &mut Figure) {
-    let points = |line: &geo_types::LineString<f64>| line.0.iter().map(|c| Vec2::new(c.x, c.y)).collect::<Vec<_>>();
-    if let Some((_, band)) = &traced.band {
-        for polygon in &band.0 {
-            let rings: Vec<Vec<Vec2>> =
-                std::iter::once(polygon.exterior()).chain(polygon.interiors()).map(points).collect();
-            figure.path(rings.iter().map(Vec::as_slice), true, "fill=\"#1b9e77\" fill-opacity=\"0.45\"");
-        }
-    }
-    let lines: Vec<Vec<Vec2>> = traced.lines.0.iter().map(points).collect();
-    figure.path(lines.iter().map(Vec::as_slice), false, "fill=\"none\" stroke=\"black\" stroke-width=\"1.2\"");
-}
-
-/// Draws poses as dots with an arrow where they look.
-pub fn draw_poses(poses: &[Pose], figure: &mut Figure) {
-    let length = figure.axes.bounds().size()[0] / 40.0;
-    let arrows: Vec<[Vec2; 2]> = poses.iter().map(|pose| [pose.position(), pose.project(length, 0.0)]).collect();
-    figure.path(
-        arrows.iter().map(|arrow| arrow.as_slice()),
-        false,
-        "fill=\"none\" stroke=\"#7570b3\" stroke-width=\"1.5\"",
-    );
-    figure.dots(poses.iter().map(|pose| pose.position()), 2.5, "#7570b3");
-}
-
-pub(crate) fn shade(gradient: Gradient, t: f64) -> [u8; 3] {
-    gradient.eval_continuous(if t.is_finite() { t.clamp(0.0, 1.0) } else { 0.0 }).as_array()
-}
-
-fn opaque([r, g, b]: [u8; 3]) -> [u8; 4] {
-    [r, g, b, 255]
 }

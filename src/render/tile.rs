@@ -6,8 +6,8 @@
 
 use super::RenderError;
 use super::occupancy::probability;
-use super::picture::shade;
 use super::raster::rgba_png;
+use super::theme::shade;
 use crate::fit::Distance;
 use crate::geometry::Vec2;
 use crate::map::FittedMap;

@@ -5,7 +5,9 @@ use super::{Plate, ReproduceError, SEED, compared, room};
 use crate::fit::{FitOptions, Weighting};
 use crate::geometry::{Bounds, Vec2, distance_to_segment};
 use crate::map::{FittedMap, Survey};
-use crate::render::{Axes, Contours, Figure, Layer, Overlay, Picture, Sheet, contours, draw_contours, map_figure};
+use crate::render::{
+    Axes, Contours, Figure, Layer, Overlay, Page, Picture, Sheet, contours, draw_contours, map_figure,
+};
 use crate::scan::returns_of;
 use crate::sim::Scenario;
 use crate::uncertainty::Kind;
@@ -37,13 +39,15 @@ impl Fits {
     }
 
     pub fn contour(&self, scenario: &Scenario) -> Result<Plate, ReproduceError> {
-        let (mut sheet, mut off) = (Sheet::default(), Vec::new());
+        let (mut sheet, mut off) = (Sheet::new("Figure 5: zero contour, point cloud and true boundary"), Vec::new());
         let cloud: Vec<Vec2> = returns_of(&scenario.scans(SEED)).iter().map(|seen| seen.point).collect();
         for (map, (_, name)) in self.0.iter().zip(WEIGHTINGS) {
             let traced = contours(map, 0.0, Some(2.0), Kind::Propagated)?;
-            let axes = Axes::new(scenario.world.bounds().grown(0.4), 640);
-            let mut figure = Figure::new(axes, &format!("Figure 5: zero contour, {name} objective"));
+            let axes = Axes::panel(scenario.world.bounds().grown(0.4), 640);
+            let mut figure = Figure::new(axes, &format!("{name} objective"));
             figure.dots(cloud.iter().copied(), 1.2, "#d95f02");
+            figure.legend_of_dots(&[("returns", "#d95f02")]);
+            figure.legend_in_corner();
             room::draw_room(scenario, &mut figure);
             draw_contours(&traced, &mut figure);
             off.push(distance_off(scenario, &traced));
@@ -63,12 +67,11 @@ impl Fits {
     }
 
     pub fn distance(&self) -> Result<Plate, ReproduceError> {
-        let mut sheet = Sheet::default();
+        let mut sheet = Sheet::new("Figure 6: the signed distance");
         for (map, (_, name)) in self.0.iter().zip(WEIGHTINGS) {
-            let title = format!("Figure 6: signed distance, {name} objective");
-            let (layer, overlays) = (Layer::Distance, vec![Overlay::Contour]);
-            sheet =
-                sheet.with(map_figure(map, &Picture { layer, overlays, width: 640, kind: Kind::Propagated, title })?);
+            let page = Page { panel: true, ..Page::new(format!("{name} objective"), 640) };
+            let picture = Picture { layer: Layer::Distance, overlays: vec![Overlay::Contour], cell: None, page };
+            sheet = sheet.with(map_figure(map, &picture)?);
         }
         let steps = self.0.iter().map(|map| {
             let report = &map.report;
@@ -89,7 +92,8 @@ impl Fits {
 
     /// `u` along the walls within its two-sigma bounds.
     pub fn bounds(&self, scenario: &Scenario) -> Result<Plate, ReproduceError> {
-        let (mut sheet, mut shares, mut seen_rms) = (Sheet::default(), Vec::new(), Vec::new());
+        let title = "Figure 7: the distance u at the true boundary";
+        let (mut sheet, mut shares, mut seen_rms) = (Sheet::new(title), Vec::new(), Vec::new());
         for (map, (weighting, name)) in self.0.iter().zip(WEIGHTINGS) {
             sheet = sheet.below(bounds_chart(scenario, map, name));
             let (mut inside, mut squares, mut all) = (0.0, 0.0, 0.0);
@@ -128,8 +132,8 @@ fn bounds_chart(scenario: &Scenario, map: &FittedMap, name: &str) -> Figure {
     let length: f64 = scenario.world.walls().map(|(a, b)| (b - a).norm()).sum();
     let limit = 0.12;
     let bounds = Bounds { min: [0.0, -limit], max: [length, limit] };
-    let axes = Axes::chart(bounds, [1000, 220], ["along the walls (m)", "u (m)"]);
-    let mut figure = Figure::new(axes, &format!("Figure 7: u at the true boundary, {name} objective"));
+    let axes = Axes::chart(bounds, [1100, 220], ["along the walls (m)", "u (m)"]);
+    let mut figure = Figure::new(axes, &format!("{name} objective"));
     let (mut from, mut corners) = (0.0, Vec::new());
     // Runs of seen boundary: (along, u, sigma).
     let mut runs: Vec<Vec<(f64, f64, f64)>> = vec![Vec::new()];
@@ -180,10 +184,12 @@ pub fn by_resolution(scenario: &Scenario) -> Result<Plate, ReproduceError> {
     let [published, own] = WEIGHTINGS.map(|(weighting, _)| traced(weighting));
     let (published, own) = (published?, own?);
     let panel = |traced: &[Contours], part: Bounds, title: &str| contours_by_spacing(scenario, traced, part, title);
-    let sheet = Sheet::default()
-        .with(panel(&own, scenario.world.bounds().grown(0.4), "Figure 8: zero contours, calibrated"))
-        .with(panel(&published, CORNER, "the corner (8, 4), published"))
-        .with(panel(&own, CORNER, "the corner (8, 4), calibrated"));
+    let mut whole = panel(&own, scenario.world.bounds().grown(0.4), "the room, calibrated objective");
+    whole.legend_in_corner();
+    let sheet = Sheet::new("Figure 8: zero contours by resolution")
+        .with(whole)
+        .with(panel(&published, CORNER, "the corner (8, 4), published objective"))
+        .with(panel(&own, CORNER, "the corner (8, 4), calibrated objective"));
     let gaps = [published, own].map(|traced| {
         let gaps: Vec<String> = traced.iter().map(|own| format!("{:.0}", 1e3 * corner_gap(scenario, own))).collect();
         format!("{} mm", gaps.join(" / "))
@@ -209,10 +215,11 @@ pub fn by_resolution(scenario: &Scenario) -> Result<Plate, ReproduceError> {
 }
 
 fn contours_by_spacing(scenario: &Scenario, traced: &[Contours], part: Bounds, title: &str) -> Figure {
-    let mut figure = Figure::new(Axes::new(part, 520), title);
+    let mut figure = Figure::new(Axes::panel(part, 520), title);
     let fine = |(a, b): (Vec2, Vec2)| (0..=800).map(|k| a + (b - a) * (f64::from(k) / 800.0)).collect::<Vec<_>>();
     let walls: Vec<Vec<Vec2>> = scenario.world.walls().flat_map(|wall| inside(&fine(wall), &part)).collect();
     figure.path(walls.iter().map(Vec::as_slice), false, room::WALL);
+    figure.legend(&[("true walls", room::WALL_COLOR)]);
     for (own, color) in traced.iter().zip(COLORS) {
         let points = |line: &geo_types::LineString<f64>| line.0.iter().map(|c| Vec2::new(c.x, c.y)).collect::<Vec<_>>();
         let lines: Vec<Vec<Vec2>> = own.lines.iter().flat_map(|line| inside(&points(line), &part)).collect();

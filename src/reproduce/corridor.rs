@@ -5,13 +5,15 @@ use super::{Compared, GridJudgement, Plate, ReproduceError, SEED, Truth, compare
 use crate::fit::{Distance, FitOptions, Weighting};
 use crate::geometry::{Bounds, Vec2};
 use crate::map::FittedMap;
-use crate::render::{Axes, Figure, Layer, OccupancyGrid, Overlay, Picture, Sheet, draw_poses, map_figure};
+use crate::render::{Axes, Figure, Layer, OccupancyGrid, Overlay, Page, Picture, Sheet, draw_poses, map_figure};
 use crate::scan::{LaserScan, Noise, returns_of};
 use crate::sim::{Survey, misplaced};
 use crate::uncertainty::Kind;
 
 const RESOLUTION: f64 = 0.25;
 const WIDTH: usize = 1100;
+/// Of each of two beside each other.
+const PANEL: usize = 700;
 const OBJECTIVES: [&str; 2] = ["published", "calibrated"];
 
 /// The two figures of one building; `suffix` tells their files from another's.
@@ -31,6 +33,7 @@ fn cloud(survey: &Survey, scans: &[LaserScan], suffix: &str, place: &str) -> Pla
     let bounds = Bounds::around(points.iter().copied()).unwrap_or(Bounds { min: [0.0; 2], max: [1.0; 2] });
     let mut figure = Figure::new(Axes::new(bounds.grown(0.5), WIDTH), &format!("Figure 9: point cloud of {place}"));
     figure.dots(points.iter().copied(), 0.7, "#d95f02");
+    figure.legend_of_dots(&[("returns", "#d95f02")]);
     draw_poses(&scans.iter().map(|scan| scan.pose).collect::<Vec<_>>(), &mut figure);
     let truth = returns_of(&survey.scans);
     let off = truth.iter().zip(&points).map(|(exact, p)| (exact.point - p).norm_squared()).sum::<f64>();
@@ -51,33 +54,34 @@ fn cloud(survey: &Survey, scans: &[LaserScan], suffix: &str, place: &str) -> Pla
 }
 
 fn grid(survey: &Survey, maps: &[FittedMap; 2], suffix: &str, place: &str) -> Result<Plate, ReproduceError> {
-    let picture = |layer, overlays, title: &str| Picture {
-        layer,
-        overlays,
-        width: WIDTH,
-        kind: Kind::Propagated,
-        title: title.into(),
+    let picture = |layer, overlays, title: String| {
+        let page = Page { panel: true, ..Page::new(title, PANEL) };
+        Picture { layer, overlays, cell: Some(RESOLUTION), page }
     };
-    let mut sheet = Sheet::default();
+    let mut sheet = Sheet::new(&format!("Figure 10: {place}"));
     for (map, name) in maps.iter().zip(OBJECTIVES) {
-        let title = format!("Figure 10: occupancy grid of {place}, cells of h, {name} objective");
-        let mut ogm = map_figure(map, &picture(Layer::Occupancy, vec![], &title))?;
+        let mut ogm = map_figure(map, &picture(Layer::Occupancy, vec![], format!("occupancy grid, {name} objective")))?;
         let walls: Vec<[Vec2; 2]> = survey.plan.walls.iter().map(|&(a, b)| [a, b]).collect();
         let area = map.lattice().bounds();
         let within = |wall: &&[Vec2; 2]| wall.iter().all(|p| area.contains(*p));
         let thin = "fill=\"none\" stroke=\"#1b9e77\" stroke-width=\"0.8\"";
         ogm.path(walls.iter().filter(within).map(|wall| wall.as_slice()), false, thin);
-        sheet = sheet.below(ogm);
+        ogm.legend(&[("true walls", "#1b9e77")]);
+        sheet = sheet.with(ogm);
     }
-    let title = "The vector field's length, and where it vanishes and means it, calibrated objective";
-    let field = map_figure(&maps[1], &picture(Layer::Distance, vec![Overlay::Contour], title))?;
+    let field = |map, name| {
+        let title = format!("distance from the surfaces, {name} objective");
+        map_figure(map, &picture(Layer::Distance, vec![Overlay::Contour], title))
+    };
+    let sheet = sheet.below(field(&maps[0], OBJECTIVES[0])?).with(field(&maps[1], OBJECTIVES[1])?);
     Ok(Plate {
         name: format!("figure-10{suffix}"),
         title: format!("Occupancy grid of {place}"),
-        caption: "The occupancy grid at h = 0.25 m with the true walls (green): published objective, from the poses as reported, and ours, \
-                  which refines them. Below, the length of our V, its zero contour and the two-sigma band."
+        caption: "The occupancy grid at h = 0.25 m with the true walls (green): published objective, from the poses as \
+                  reported, and ours, which refines them. Below, the distance from the surfaces on which V vanishes and \
+                  means it, their contour and its two-sigma band."
             .into(),
-        svg: sheet.below(field).finish(),
+        svg: sheet.finish(),
         compared: against_truth(survey, maps),
     })
 }

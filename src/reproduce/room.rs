@@ -14,7 +14,9 @@ const SCANS: [&str; 3] = ["#d95f02", "#1b9e77", "#7570b3"];
 const ELLIPSES: usize = 6;
 /// Ellipses are drawn this much larger than two sigma: two centimetres in eight metres are too small to see.
 const MAGNIFIED: f64 = 3.0;
-pub const WALL: &str = "fill=\"none\" stroke=\"#222\" stroke-width=\"1.6\"";
+/// Walls are grey: the contour is black.
+pub const WALL_COLOR: &str = "#8c8c8c";
+pub const WALL: &str = "fill=\"none\" stroke=\"#8c8c8c\" stroke-width=\"1.8\"";
 
 pub fn uncertain_cloud(scenario: &Scenario) -> Plate {
     let (scans, mut figure) = drawn(scenario, "Figure 1: a point cloud is uncertain, every point in its own way");
@@ -111,20 +113,24 @@ pub fn cloud(scenario: &Scenario) -> Plate {
 fn drawn(scenario: &Scenario, title: &str) -> (Vec<LaserScan>, Figure) {
     let mut figure = Figure::new(axes(&scenario.world.bounds()), title);
     draw_room(scenario, &mut figure);
+    // An L leaves it empty.
+    figure.legend_in_corner();
     (scenario.scans(SEED), figure)
 }
 
 fn axes(room: &Bounds) -> Axes {
-    Axes::new(room.grown(0.4), 680)
+    Axes::panel(room.grown(0.4), 680)
 }
 
 pub fn draw_room(scenario: &Scenario, figure: &mut Figure) {
     let walls: Vec<[Vec2; 2]> = scenario.world.walls().map(|(a, b)| [a, b]).collect();
     figure.path(walls.iter().map(|wall| wall.as_slice()), false, WALL);
+    figure.legend(&[("true walls", WALL_COLOR)]);
 }
 
 fn draw_cloud(scans: &[LaserScan], figure: &mut Figure) {
-    for (scan, color) in scans.iter().zip(SCANS) {
+    for ((scan, color), k) in scans.iter().zip(SCANS).zip(1..) {
+        figure.legend_of_dots(&[(format!("scan {k}").as_str(), color)]);
         figure.dots(returns_of(std::slice::from_ref(scan)).iter().map(|seen| seen.point), 1.3, color);
     }
 }

@@ -13,9 +13,10 @@ use crate::http::shared::problem::{Problem, Refused, to_json};
 use crate::jobs::MapRecord;
 use crate::map::FittedMap;
 use crate::render::{
-    Layer, Nav2Mode, OccupancyGrid, Overlay, Picture, RasterLayer, Rasters, Stamp, contour_picture, contours as trace,
-    grayscale_png, map_picture, svg_to_png, to_geojson, to_mcap, to_nav2_zip,
+    Layer, Nav2Mode, OccupancyGrid, Overlay, Page, Picture, RasterLayer, Rasters, Stamp, Theme, contour_picture,
+    contours as trace, grayscale_png, map_picture, svg_to_png, to_geojson, to_mcap, to_nav2_zip,
 };
+use crate::uncertainty::Kind;
 
 /// Cells of an occupancy grid at most.
 const LARGEST_GRID: f64 = 4e6;
@@ -24,6 +25,8 @@ const FARTHEST_LEVEL: f64 = 1e6;
 /// Pictures are this wide, in pixels.
 pub(super) const WIDTHS: (usize, usize) = (200, 4096);
 pub(super) const DEFAULT_WIDTH: usize = 900;
+/// The page's, by their names.
+const THEMES: [(&str, Theme); 2] = [("light", Theme::Light), ("dark", Theme::Dark)];
 
 /// A level line of the distance, and the band it lies in.
 #[utoipa::path(get, operation_id = "get_map_contours", path = "/v1/maps/{id}/contours", tag = "maps", security(("key" = ["read"])),
@@ -31,7 +34,8 @@ pub(super) const DEFAULT_WIDTH: usize = 900;
         ("level" = Option<f64>, Query, minimum = -1000000, maximum = 1000000, description = "metres; 0 by default: the walls"),
         ("sigma_band" = Option<f64>, Query, minimum = 0.001, maximum = 100, description = "adds the band of that many standard deviations"),
         ("kind" = Option<String>, Query, pattern = "^(propagated|posterior)$", description = "propagated (default) or posterior"),
-        ("width" = Option<u32>, Query, minimum = 200, maximum = 4096, description = "pixels, for svg and png"),
+        ("width" = Option<u32>, Query, minimum = 200, maximum = 4096, description = "pixels, for svg and png; type, lines and margins grow with it"),
+        ("theme" = Option<String>, Query, pattern = "^(light|dark)$", description = "light (default) or dark, for svg and png"),
         ("format" = Option<String>, Query, pattern = "^(geojson|json|svg|png)$", description = "geojson, svg or png")),
     responses((status = 200, description = "features with `properties.role` level and band, in metres of the map's frame",
             content((Object = "application/geo+json"), (Object = "application/json"), (String = "image/svg+xml"), (Binary = "image/png"))),
@@ -42,14 +46,15 @@ pub async fn get_map_contours(mut request: MapRequest) -> Result<Response, Probl
     let level = params.number("level", -FARTHEST_LEVEL, FARTHEST_LEVEL).unwrap_or(0.0);
     let sigma_band = params.number("sigma_band", 1e-3, 100.0);
     let kind = params.choice("kind", &KINDS);
-    let width = params.number("width", WIDTHS.0, WIDTHS.1).unwrap_or(DEFAULT_WIDTH);
+    let page = page(params, kind);
     let make = move |map: &FittedMap, record: &MapRecord, format, leash: &Leash| {
         let traced = trace(map, level, sigma_band, kind)?;
         leash.goes_on()?;
-        let picture = || contour_picture(map, &traced, width, &title(record, &format!("level {level} m")));
+        let what = if level == 0.0 { "contour".to_owned() } else { format!("contour of {level} m") };
+        let picture = || contour_picture(map, &traced, &Page { title: title(record, &what), ..page });
         match format {
-            SVG => Ok(picture()?.into_bytes()),
-            PNG => Ok(svg_to_png(&picture()?)?),
+            SVG => Ok(picture().into_bytes()),
+            PNG => Ok(svg_to_png(&picture())?),
             _ => to_json(&to_geojson(&traced, FRAME)),
         }
     };
@@ -177,13 +182,14 @@ fn occupancy_json(grid: &OccupancyGrid, record: &MapRecord) -> Value {
     })
 }
 
-/// A picture with axes in metres and a colour bar.
+/// A picture with axes in metres, a colour bar, a legend and a scale bar.
 #[utoipa::path(get, operation_id = "get_map_image", path = "/v1/maps/{id}/image", tag = "maps", security(("key" = ["read"])),
     params(("id" = String, Path),
         ("layer" = Option<String>, Query, pattern = "^(distance|sigma|occupancy)$", description = "distance (default), sigma or occupancy"),
-        ("overlay" = Option<String>, Query, pattern = "^$|^(contour|points|poses)(,(contour|points|poses))*$", description = "contour, points, poses; comma-separated"),
+        ("overlay" = Option<String>, Query, pattern = "^$|^(contour|points|poses|jumps)(,(contour|points|poses|jumps))*$", description = "contour, points, poses, jumps (where a vector map's field does); comma-separated"),
         ("kind" = Option<String>, Query, pattern = "^(propagated|posterior)$", description = "propagated (default) or posterior"),
-        ("width" = Option<u32>, Query, minimum = 200, maximum = 4096, description = "pixels"),
+        ("width" = Option<u32>, Query, minimum = 200, maximum = 4096, description = "pixels; type, lines and margins grow with it"),
+        ("theme" = Option<String>, Query, pattern = "^(light|dark)$", description = "light (default) or dark"),
         ("format" = Option<String>, Query, pattern = "^(png|svg)$", description = "png or svg")),
     responses((status = 200, description = "the picture", content((Binary = "image/png"), (String = "image/svg+xml"))),
         (status = 304, description = "unchanged"),
@@ -194,18 +200,24 @@ pub async fn get_map_image(mut request: MapRequest) -> Result<Response, Problem>
     let layer = params.choice("layer", &layers);
     let overlays = overlays(params);
     let kind = params.choice("kind", &KINDS);
-    let width = params.number("width", WIDTHS.0, WIDTHS.1).unwrap_or(DEFAULT_WIDTH);
+    let page = page(params, kind);
     let name = match layer {
         Layer::Distance => "distance",
         Layer::Sigma => "standard deviation of the distance",
         Layer::Occupancy => "occupancy",
     };
     let make = move |map: &FittedMap, record: &MapRecord, format| {
-        let picture = Picture { layer, overlays, width, kind, title: title(record, name) };
+        let picture = Picture { layer, overlays, cell: None, page: Page { title: title(record, name), ..page } };
         let svg = map_picture(map, &picture)?;
         if format == SVG { Ok(svg.into_bytes()) } else { Ok(svg_to_png(&svg)?) }
     };
     request.answer(&[PNG, SVG], make).await
+}
+
+/// What a picture is drawn on; its title is said later.
+fn page(params: &mut Params, kind: Kind) -> Page {
+    let width = params.number("width", WIDTHS.0, WIDTHS.1).unwrap_or(DEFAULT_WIDTH);
+    Page { theme: params.choice("theme", &THEMES), kind, ..Page::new("", width) }
 }
 
 fn overlays(params: &mut Params) -> Vec<Overlay> {
@@ -216,12 +228,13 @@ fn overlays(params: &mut Params) -> Vec<Overlay> {
             "contour" => overlays.push(Overlay::Contour),
             "points" => overlays.push(Overlay::Points),
             "poses" => overlays.push(Overlay::Poses),
-            _ => params.fault("overlay", "must be contour, points or poses, comma-separated"),
+            "jumps" => overlays.push(Overlay::Jumps),
+            _ => params.fault("overlay", "must be contour, points, poses or jumps, comma-separated"),
         }
     }
     // Points lie below lines, lines below poses, whatever order they were named in.
-    overlays
-        .sort_by_key(|overlay| [Overlay::Points, Overlay::Contour, Overlay::Poses].iter().position(|o| o == overlay));
+    let order = [Overlay::Points, Overlay::Jumps, Overlay::Contour, Overlay::Poses];
+    overlays.sort_by_key(|overlay| order.iter().position(|o| o == overlay));
     overlays.dedup();
     overlays
 }
