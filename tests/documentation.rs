@@ -65,3 +65,27 @@ fn every_page_is_in_the_table_of_contents() {
         }
     }
 }
+
+/// Pages that scripts and tests write, whose sentences stand in those.
+const WRITTEN: [&str; 3] = ["docs/api.md", "docs/reproduction.md", "docs/scale.md"];
+
+#[test]
+fn prose_is_wrapped_at_120_columns() {
+    let of = |folder: &str| {
+        let entries = std::fs::read_dir(root().join(folder)).unwrap().map(|entry| entry.unwrap().path());
+        entries.filter(|path| path.extension().is_some_and(|e| e == "md")).collect::<Vec<_>>()
+    };
+    let folders = ["", "docs", "docs/howto", "console", "clients/python", "scripts/nightly"];
+    let pages = folders.into_iter().flat_map(of).filter(|path| !WRITTEN.iter().any(|own| path.ends_with(own)));
+    let mut long = Vec::new();
+    for page in pages {
+        let (text, mut code) = (std::fs::read_to_string(&page).unwrap(), false);
+        for (k, line) in text.lines().enumerate() {
+            code ^= line.trim_start().starts_with("```");
+            if !code && !line.trim_start().starts_with('|') && line.chars().count() > 120 {
+                long.push(format!("{}:{}", page.display(), k + 1));
+            }
+        }
+    }
+    assert!(long.is_empty(), "{long:#?}");
+}
