@@ -81,6 +81,7 @@ fn map_of(job: &Job) -> MapRecord {
         unconverged: None,
         weights,
         seen_through: None,
+        rms: None,
         cut_locus: None,
         active_control_points: None,
     };
