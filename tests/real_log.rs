@@ -24,8 +24,10 @@ fn the_seattle_corridor_becomes_a_map_that_follows_its_walls() {
         .unwrap();
     // People in the way and glass keep this fit from its minimum: it says so, and so does the exit code.
     let said = String::from_utf8_lossy(&output.stdout);
-    assert_eq!(output.status.code(), Some(i32::from(said.contains("NOT converged"))), "{said}");
-    assert!(said.contains("/contours") && said.contains("/grid"), "{said}");
+    assert_eq!(output.status.code(), Some(i32::from(said.contains("  converged    NO: "))), "{said}");
+    for told in ["  size  ", "  returns  ", "  left out  ", "  rms  ", "  seconds  ", "/contours", "/grid"] {
+        assert!(said.contains(told), "{told} in {said}");
+    }
     let nowhere = Command::new(env!("CARGO_BIN_EXE_mapfit"))
         .args(["submit", "--url", "localhost:1"])
         .arg(folder.join("seattle.flaser.log.gz"))

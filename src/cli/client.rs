@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
-use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
+use ureq::http::Uri;
 
 use super::CliError;
 
-/// Waiting for a job ends a poll after this many seconds and asks again.
-const WAIT: &str = "2";
+/// Where a service is, unless it is said.
+const HERE: &str = "http://127.0.0.1:8080";
 /// Answers larger than this are not read.
 const LARGEST_ANSWER: u64 = 1 << 30;
 
@@ -19,14 +19,17 @@ pub struct Client {
     authorization: Option<String>,
 }
 
+/// Under what its flags stand in a command's help.
+const SERVER: &str = "Server";
+
 /// Which service, and by what key.
 #[derive(Debug, clap::Args)]
 pub struct Remote {
-    /// The server.
-    #[arg(long, env = "MAPFIT_URL", default_value = "http://127.0.0.1:8080", global = true)]
+    /// The server; `http://` may be left out.
+    #[arg(long, env = "MAPFIT_URL", default_value = HERE, value_parser = address, global = true, help_heading = SERVER)]
     url: String,
     /// An API key, where the server wants one.
-    #[arg(long, env = "MAPFIT_KEY", hide_env_values = true, global = true)]
+    #[arg(long, env = "MAPFIT_KEY", hide_env_values = true, global = true, help_heading = SERVER)]
     key: Option<String>,
 }
 
@@ -39,7 +42,7 @@ impl Remote {
 impl Client {
     /// `base` is the service's address; `http://` may be left out.
     pub fn new(base: &str, key: Option<&str>) -> Self {
-        let base = &if base.contains("://") { base.to_owned() } else { format!("http://{base}") };
+        let base = with_scheme(base);
         let mut config = ureq::Agent::config_builder();
         if ["://127.", "://localhost", "://[::1]"].iter().any(|local| base.contains(local)) {
             // A proxy of the environment is for the world outside.
@@ -109,40 +112,6 @@ impl Client {
         }
     }
 
-    /// Waits for a job to end, with a progress bar on a terminal.
-    pub fn wait(&self, job: &Value) -> Result<Value, CliError> {
-        let id = text(job, "id");
-        let bar = ProgressBar::new(100);
-        if let Ok(style) = ProgressStyle::with_template("{bar:32} {pos:>3} %  {msg}  [{elapsed}]") {
-            bar.set_style(style);
-        }
-        loop {
-            let job = self.get_json(&format!("/v1/jobs/{id}?wait=0"))?;
-            let progress = &job["progress"];
-            bar.set_position(progress["percent"].as_f64().unwrap_or(0.0) as u64);
-            let stage = text(progress, "stage");
-            bar.set_message(match progress["objective"].as_f64() {
-                Some(objective) => format!("{stage}, step {}, objective {objective:.4}", progress["iteration"]),
-                None => stage,
-            });
-            match text(&job, "status").as_str() {
-                "successful" => {
-                    bar.finish();
-                    return Ok(job);
-                }
-                "failed" | "dismissed" => {
-                    bar.abandon();
-                    let why = job["problem"]["detail"].as_str().unwrap_or("it was cancelled");
-                    return Err(CliError::Server(format!("job {id} is {}: {why}", text(&job, "status"))));
-                }
-                _ if bar.is_hidden() => {
-                    self.get_json(&format!("/v1/jobs/{id}?wait={WAIT}"))?;
-                }
-                _ => std::thread::sleep(Duration::from_millis(120)),
-            }
-        }
-    }
-
     pub fn get_json(&self, path: &str) -> Result<Value, CliError> {
         self.json(self.keyed(self.agent.get(self.url(path))).call())
     }
@@ -157,6 +126,11 @@ impl Client {
         body.map_err(|error| self.unreachable(&error))
     }
 
+    /// What a command needs to speak to the same service; nothing where that is the one it would speak to.
+    pub fn as_argument(&self) -> String {
+        if self.base == HERE { String::new() } else { format!(" --url {}", self.base) }
+    }
+
     pub fn url(&self, path: &str) -> String {
         format!("{}{path}", self.base)
     }
@@ -168,18 +142,48 @@ impl Client {
         let body = body.map_err(|error| self.unreachable(&error))?;
         let value: Value = serde_json::from_str(&body)
             .map_err(|_| CliError::Server(format!("{} does not speak mapfit's contract ({status})", self.base)))?;
-        if status.is_success() { Ok(value) } else { Err(CliError::Server(complaint(&value))) }
+        match status.as_u16() {
+            200..300 => Ok(value),
+            // What was sent is at fault, and will be whenever it is sent again.
+            400 | 401 | 403 | 413 | 414 | 415 | 422 => Err(CliError::Usage(complaint(&value))),
+            _ => Err(CliError::Server(complaint(&value))),
+        }
     }
 
     fn unreachable(&self, error: &ureq::Error) -> CliError {
-        CliError::Unreachable(format!("{} cannot be reached: {error}. Is `mapfit serve` running there?", self.base))
+        let hint = match self.base.starts_with("https") {
+            true => "Is `mapfit serve` running there, with --tls-cert? Without it the address begins with http://",
+            false => "Is `mapfit serve` running there?",
+        };
+        CliError::Unreachable(format!("{} cannot be reached: {error}. {hint}", self.base))
     }
 }
 
-/// A problem, with its faults, in words.
+fn with_scheme(address: &str) -> String {
+    if address.contains("://") { address.to_owned() } else { format!("http://{address}") }
+}
+
+/// An address as `--url` takes it.
+fn address(text: &str) -> Result<String, String> {
+    let whole = with_scheme(text.trim_end_matches('/').trim_end_matches("/v1"));
+    let wrong = || "must be a server's address, like localhost:8080 or https://maps.example.org".to_owned();
+    let uri: Uri = whole.parse().map_err(|_| wrong())?;
+    let authority = uri.authority().ok_or_else(wrong)?;
+    // A port that is no number up to 65535 is left out where it is read.
+    let has_port = authority.as_str().trim_end_matches(|c: char| c.is_ascii_digit()).ends_with(':');
+    let is_whole = !authority.host().is_empty() && has_port == authority.port_u16().is_some();
+    let is_http = matches!(uri.scheme_str(), Some("http" | "https"));
+    if is_whole && is_http && uri.query().is_none() { Ok(whole) } else { Err(wrong()) }
+}
+
+/// A problem in words: with its faults where it lists them, which its detail only repeats.
 fn complaint(problem: &Value) -> String {
-    let mut words = format!("{}: {}", text(problem, "title"), text(problem, "detail"));
-    for fault in problem["errors"].as_array().into_iter().flatten().take(20) {
+    let faults = problem["errors"].as_array().map(Vec::as_slice).unwrap_or_default();
+    let mut words = match faults {
+        [] => format!("{}: {}", text(problem, "title"), text(problem, "detail")),
+        _ => text(problem, "title"),
+    };
+    for fault in faults.iter().take(20) {
         let place = fault["pointer"].as_str().or(fault["parameter"].as_str()).unwrap_or("");
         words.push_str(&format!("\n  {place} {}", text(fault, "detail")));
     }
@@ -188,4 +192,35 @@ fn complaint(problem: &Value) -> String {
 
 pub(super) fn text(value: &Value, member: &str) -> String {
     value[member].as_str().unwrap_or_default().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_may_lack_its_scheme_and_nothing_else() {
+        for (given, meant) in [
+            ("localhost:8080", "http://localhost:8080"),
+            ("[::1]:8080/", "http://[::1]:8080"),
+            ("https://maps.example.org/fleet/", "https://maps.example.org/fleet"),
+            ("http://localhost:8080/v1", "http://localhost:8080"),
+        ] {
+            assert_eq!(address(given).as_deref(), Ok(meant));
+        }
+        for wrong in ["", "ftp://localhost", "http://", "local host", "localhost:99999", "localhost:", "localhost?a=b"]
+        {
+            assert!(address(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_problem_says_each_fault_once() {
+        let fault = serde_json::json!({"pointer": "/map/resolution", "detail": "is too fine"});
+        let problem =
+            serde_json::json!({"title": "Invalid", "detail": "/map/resolution: is too fine", "errors": [fault]});
+        assert_eq!(complaint(&problem), "Invalid\n  /map/resolution is too fine");
+        let gone = serde_json::json!({"title": "Not found", "detail": "there is no job 7"});
+        assert_eq!(complaint(&gone), "Not found: there is no job 7");
+    }
 }

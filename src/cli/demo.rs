@@ -8,6 +8,7 @@ use clap::Args;
 use super::CliError;
 use super::client::{Client, text};
 use super::fit::write;
+use super::follow::{ended, failure};
 use super::serve::{House, Running, data_in, runtime, stop_signal};
 use crate::http::HttpLimits;
 use crate::import::to_request;
@@ -56,7 +57,10 @@ impl Demo {
         write(&self.out, "job.json", request.as_bytes())?;
         println!("submitting {folder}/job.json: {} simulated scans of an L-shaped room", scans.len());
         let client = Client::new(&url, None);
-        let job = client.wait(&client.submit(request.as_bytes())?)?;
+        let job = ended(&client, client.submit(request.as_bytes())?)?;
+        if let Some(error) = failure(&job) {
+            return Err(error);
+        }
         let own = text(&job["links"], "map");
         for (file, part) in FILES {
             write(&self.out, file, &client.get_bytes(&format!("{own}/{part}"))?)?;

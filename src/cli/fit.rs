@@ -1,25 +1,26 @@
 //! `fit`: a job file or a log into files, without a server.
 
+use std::cell::RefCell;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::atomic::AtomicBool;
-use std::time::Duration;
 
 use clap::Args;
-use indicatif::ProgressBar;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::CliError;
-use super::request::{JobOptions, LogOptions, ON_DISK, job_of};
+use super::bar::{Bar, Standing};
+use super::request::{Asked, JobOptions, LogOptions, ON_DISK, job_of};
+use super::summary::summary;
 use crate::import::RecordingLimits;
-use crate::jobs::{JobRequest, Limits, Progress, RequestError};
-use crate::map::{ArchiveError, FittedMap, MapError, SurveyError, factors_npz, on_lattice_npz, scipy_sparse};
+use crate::jobs::{JobRequest, Limits, RequestError};
+use crate::map::{
+    ArchiveError, FittedMap, MapError, Stage, Step, SurveyError, factors_npz, on_lattice_npz, scipy_sparse,
+};
 use crate::render::{
     Layer, Nav2Mode, OccupancyGrid, Overlay, Page, Picture, contours, map_picture, svg_to_png, to_geojson, to_nav2_zip,
 };
 use crate::sparse::Team;
 use crate::uncertainty::{Factors, Kind};
-use crate::worker::{Follower, fit_request};
 
 #[derive(Debug, Args)]
 pub struct FitCommand {
@@ -39,45 +40,52 @@ impl FitCommand {
         let Some(out) = self.out.as_ref().filter(|_| !self.log.list) else { return self.log.show(&self.file) };
         let limits = Limits { control_points: 1_000_000, lattice: 4_000_000, values: 100_000_000, ..Limits::default() };
         let may = RecordingLimits { scans: limits.scans, ranges: limits.values, ..ON_DISK };
-        let json = job_of(&self.file, &self.job, &self.log, &may)?;
+        let Asked { json, notes } = job_of(&self.file, &self.job, &self.log, &may)?;
         let request = JobRequest::parse(&json, &limits).map_err(|error| explain(&self.file, error))?;
         drop(json);
-        let progress = Mutex::new(Progress::queued(request.options.max_iterations));
-        let bar = ProgressBar::new_spinner().with_message("fitting");
-        bar.enable_steady_tick(Duration::from_millis(100));
-        let team = Team::of_this_machine();
-        let follower = Follower { progress: &progress, stop: &AtomicBool::new(false), stage: &|_| (), team };
-        let map = fit_request(&request, &follower)?;
-        bar.finish_and_clear();
-        std::fs::create_dir_all(out).map_err(CliError::io(out.display().to_string()))?;
+        // Before the fit, which would be for nothing otherwise.
+        let folder = out.display();
+        let refused = |error| CliError::Usage(format!("the folder {folder} cannot be made: {error}; see --out"));
+        std::fs::create_dir_all(out).map_err(refused)?;
+        let bar = RefCell::new(Bar::new());
+        let map = fitted(&request, &bar)?;
+        bar.borrow_mut().show(Standing { percent: FITTED, stage: "writing", step: 0 });
         let factors =
             Factors::of(&mut request.resume(&map)?).map_err(|error| SurveyError::from(MapError::from(error)))?;
         write(out, "factors.npz", &factors_npz(&factors).map_err(ArchiveError::from)?)?;
-        write_map(out, &map, request.name.as_deref().unwrap_or("map"))?;
-        let report = &map.report;
-        println!(
-            "{} control points, {} returns, {} steps, {} in {:.2} s",
-            map.lattice().len(),
-            report.observations,
-            report.iterations,
-            if report.converged { "converged" } else { "not converged" },
-            report.seconds,
-        );
-        println!("written to {}", out.display());
-        Ok(())
+        let told = json!({"lattice": map.lattice(), "fit": map.report});
+        write_map(out, &map, &told, request.name.as_deref().unwrap_or("map"))?;
+        drop(bar);
+        println!("{}: written to {folder}", self.file.display());
+        print!("{}", summary(&told, &notes));
+        CliError::of_unconverged(usize::from(!map.report.converged))
     }
 }
 
-/// A map's files: arrays, contour, OGM, pictures.
-fn write_map(out: &Path, map: &FittedMap, name: &str) -> Result<(), CliError> {
+/// A fit's share of the whole, per cent: its files are written after it.
+const FITTED: f64 = 90.0;
+
+/// The map of a request, while the bar shows how far it is.
+fn fitted(request: &JobRequest, bar: &RefCell<Bar>) -> Result<FittedMap, SurveyError> {
+    let observer = |step: &Step| {
+        let stage = match step.stage {
+            Stage::Fitting => "fitting",
+            Stage::Covariance => "covariance",
+        };
+        bar.borrow_mut().show(Standing { percent: FITTED * step.share, stage, step: step.fit.iteration as u64 });
+        ControlFlow::Continue(())
+    };
+    request.survey().team(Team::of_this_machine()).map_watched(&observer)
+}
+
+/// A map's files: arrays, contour, OGM, pictures. `told` is what it says of itself.
+fn write_map(out: &Path, map: &FittedMap, told: &Value, name: &str) -> Result<(), CliError> {
     write(out, "map.npz", &map.to_npz()?)?;
     let coefficients = on_lattice_npz(map.lattice(), &map.field.coefficients());
     write(out, "coefficients.npz", &coefficients.map_err(ArchiveError::from)?)?;
     let covariance = scipy_sparse(&map.field, Kind::Propagated);
     write(out, "covariance.npz", &covariance.map_err(ArchiveError::from)?)?;
-    let report = serde_json::to_string_pretty(&json!({"lattice": map.lattice(), "fit": map.report}));
-    let report = report.map_err(|error| CliError::Server(error.to_string()))?;
-    write(out, "fit.json", report.as_bytes())?;
+    write(out, "fit.json", format!("{told:#}").as_bytes())?;
     let traced = contours(map, 0.0, Some(2.0), Kind::Propagated)?;
     write(out, "contours.geojson", to_geojson(&traced, "map").to_string().as_bytes())?;
     let grid = OccupancyGrid::of(map, map.lattice().resolution, Kind::Propagated);

@@ -5,7 +5,8 @@ use serde_json::{Value, json};
 
 use super::CliError;
 use super::client::Remote;
-use super::submit::{Submit, outcome};
+use super::follow::Follow;
+use super::submit::Submit;
 
 #[derive(Debug, Args)]
 pub struct Update {
@@ -33,7 +34,7 @@ pub struct Join {
     /// Wait for the map, with a progress bar.
     #[arg(long, env = "MAPFIT_WAIT")]
     wait: bool,
-    /// {"job": ..., "map": ...} on stdout, one line, and nothing else there.
+    /// {"job": ..., "map": ...} on stdout, one line, and nothing else there; map is null without --wait.
     #[arg(long, env = "MAPFIT_JSON")]
     json: bool,
     /// The spacing of control points, metres; the first map's.
@@ -75,11 +76,8 @@ impl Join {
             body["labels"][key] = value.into();
         }
         let job = client.submit_to("/v1/joins", body.to_string().as_bytes())?;
-        let map = outcome(&client, "join", job, (self.wait, self.json))?;
-        match map {
-            Some(map) if map["fit"]["converged"] != true => Err(CliError::Unconverged(1)),
-            _ => Ok(()),
-        }
+        let map = Follow { client: &client, wait: self.wait, json: self.json }.job("join", &[], job)?;
+        CliError::of_unconverged(usize::from(map.is_some_and(|map| map["fit"]["converged"] != true)))
     }
 
     fn member(&self, map: &str) -> Result<Value, CliError> {

@@ -48,8 +48,8 @@ impl Localize {
             return self.log.show(&self.file);
         }
         let client = self.remote.client();
-        let job = job_of(&self.file, &self.job, &self.log, &ON_DISK)?;
-        let job: Value = serde_json::from_slice(&job).map_err(|error| CliError::Usage(error.to_string()))?;
+        let asked = job_of(&self.file, &self.job, &self.log, &ON_DISK)?;
+        let job: Value = serde_json::from_slice(&asked.json).map_err(|error| CliError::Usage(error.to_string()))?;
         let located = self.located(&client, &job)?;
         if let Some(file) = &self.plot {
             let contour = client.get_json(&format!("/v1/maps/{}/contours", encoded(&self.map)))?;

@@ -1,10 +1,13 @@
 //! The command line: one binary, a file a command.
 
 mod backup;
+mod bar;
 mod client;
 mod demo;
 mod fit;
+mod follow;
 mod health;
+mod interrupt;
 mod keys;
 mod living;
 mod localize;
@@ -14,6 +17,7 @@ mod resources;
 mod serve;
 mod stores;
 mod submit;
+mod summary;
 mod trajectory;
 
 use std::io::IsTerminal;
@@ -29,10 +33,11 @@ use crate::store::ArtifactsError;
 #[command(version, about)]
 pub struct Cli {
     /// What to log: error, warn, info, debug, or tracing directives.
-    #[arg(long, env = "MAPFIT_LOG", default_value = "info", global = true)]
+    #[arg(long, env = "MAPFIT_LOG", default_value = "info", global = true, help_heading = "Logging")]
     log: String,
     /// How to log: text, or an object of JSON a line.
     #[arg(long, env = "MAPFIT_LOG_FORMAT", default_value = "text", value_parser = ["text", "json"], global = true)]
+    #[arg(help_heading = "Logging")]
     log_format: String,
     #[command(subcommand)]
     command: Command,
@@ -58,7 +63,7 @@ enum Command {
     Demo(demo::Demo),
     /// Draw every figure and table of the method's two experiments, from simulation.
     Reproduce(reproduce::Reproduce),
-    /// List jobs of a server, get one, try one again.
+    /// List jobs of a server, get one, wait for one, try one again.
     Jobs(resources::Jobs),
     /// List maps of a server, get or delete one.
     Maps(resources::Maps),
@@ -107,7 +112,7 @@ pub enum CliError {
     Server(String),
     #[error("{0}")]
     Unreachable(String),
-    #[error("{0} of the fits did not converge; the maps are there, and say why under fit.unconverged")]
+    #[error("{0} of the maps did not converge: fit.unconverged says why, docs/deciding.md what helps")]
     Unconverged(usize),
     #[error("{nowhere} of {all} scans fit nowhere on the map")]
     Nowhere { nowhere: usize, all: usize },
@@ -121,6 +126,11 @@ impl CliError {
             Self::Unreachable(_) => 3,
             _ => 1,
         }
+    }
+
+    /// Of so many fits that did not converge.
+    fn of_unconverged(count: usize) -> Result<(), Self> {
+        if count == 0 { Ok(()) } else { Err(Self::Unconverged(count)) }
     }
 
     fn io(context: impl Into<String>) -> impl FnOnce(std::io::Error) -> Self {
@@ -139,7 +149,10 @@ impl Command {
 /// Runs the command line of this process.
 pub fn main() -> std::process::ExitCode {
     let cli = Cli::parse();
-    let filter = EnvFilter::try_new(&cli.log).unwrap_or_else(|_| EnvFilter::new("info"));
+    let filter = match EnvFilter::try_new(&cli.log) {
+        Ok(filter) => filter,
+        Err(error) => return failed(&CliError::Usage(format!("--log takes error, warn, info or debug: {error}"))),
+    };
     // Colours are for eyes: a file or a pipe gets none.
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
     match cli.log_format.as_str() {
@@ -175,9 +188,11 @@ pub fn main() -> std::process::ExitCode {
     };
     match outcome {
         Ok(()) => std::process::ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("mapfit: {error}");
-            std::process::ExitCode::from(error.code())
-        }
+        Err(error) => failed(&error),
     }
+}
+
+fn failed(error: &CliError) -> std::process::ExitCode {
+    eprintln!("mapfit: {error}");
+    std::process::ExitCode::from(error.code())
 }

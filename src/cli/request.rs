@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{BufReader, Read};
+use std::num::NonZeroUsize;
 use std::path::Path;
 
 use clap::Args;
@@ -19,21 +20,22 @@ const RESOLUTION: f64 = 0.25;
 
 /// What a job asks for. Flags override what a job file says; a log says little itself.
 #[derive(Debug, Args)]
+#[command(next_help_heading = "The job")]
 pub struct JobOptions {
     /// vdf: the vector from the nearest surface, for buildings (logs: this one); sdf: signed, for rooms with an inside.
     #[arg(long, env = "MAPFIT_DISTANCE", value_parser = ["sdf", "vdf"])]
     pub distance: Option<String>,
     /// The spacing of control points, metres; 0.25 for logs.
-    #[arg(long, env = "MAPFIT_RESOLUTION")]
+    #[arg(long, env = "MAPFIT_RESOLUTION", value_parser = finite, allow_negative_numbers = true)]
     pub resolution: Option<f64>,
     /// Standard deviation of a pose's x and y, metres; 0.02 for logs.
-    #[arg(long, env = "MAPFIT_SIGMA_XY")]
+    #[arg(long, env = "MAPFIT_SIGMA_XY", value_parser = finite, allow_negative_numbers = true)]
     sigma_xy: Option<f64>,
     /// Standard deviation of a pose's heading, radians; 0.005 for logs.
-    #[arg(long, env = "MAPFIT_SIGMA_THETA")]
+    #[arg(long, env = "MAPFIT_SIGMA_THETA", value_parser = finite, allow_negative_numbers = true)]
     sigma_theta: Option<f64>,
     /// Standard deviation of a range, metres; 0.02 for logs.
-    #[arg(long, env = "MAPFIT_SIGMA_RANGE")]
+    #[arg(long, env = "MAPFIT_SIGMA_RANGE", value_parser = finite, allow_negative_numbers = true)]
     sigma_range: Option<f64>,
     /// What it is called; a log's file name.
     #[arg(long, env = "MAPFIT_NAME")]
@@ -45,8 +47,13 @@ pub struct JobOptions {
     #[arg(long, env = "MAPFIT_PRIORITY", allow_negative_numbers = true)]
     priority: Option<i32>,
     /// From submission; past it the job is failed.
-    #[arg(long, env = "MAPFIT_DEADLINE_SECONDS")]
+    #[arg(long, env = "MAPFIT_DEADLINE_SECONDS", value_parser = finite, allow_negative_numbers = true)]
     deadline_seconds: Option<f64>,
+}
+
+/// A number, as JSON has numbers.
+fn finite(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(|| "must be a number".into())
 }
 
 impl JobOptions {
@@ -99,10 +106,11 @@ impl JobOptions {
 
 /// Which scans of a log are taken, and what its poses are.
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Which scans of a log")]
 pub struct LogOptions {
     /// Take every so many scans (logs).
-    #[arg(long, env = "MAPFIT_EVERY", default_value_t = 1)]
-    every: usize,
+    #[arg(long, env = "MAPFIT_EVERY", default_value = "1")]
+    every: NonZeroUsize,
     /// The first scan taken, counted from 0 (logs).
     #[arg(long, env = "MAPFIT_FROM", default_value_t = 0)]
     from: usize,
@@ -133,6 +141,10 @@ impl LogOptions {
 
     /// Prints what is in a log.
     pub fn show(&self, file: &Path) -> Result<(), CliError> {
+        if is_job(file) {
+            let shown = file.display();
+            return Err(CliError::Usage(format!("{shown} is a job file; --list shows what is in logs and recordings")));
+        }
         let listing = list_log(&opened(file), &self.ask(), &ON_DISK).map_err(complaint(file))?;
         print!("{}: {listing}", file.display());
         Ok(())
@@ -149,15 +161,23 @@ pub const ON_DISK: RecordingLimits = RecordingLimits {
     poses: 20_000_000,
 };
 
-/// The job request of a file. What there is to know of how it came about is said on stderr.
-pub fn job_of(file: &Path, job: &JobOptions, log: &LogOptions, limits: &RecordingLimits) -> Result<Vec<u8>, CliError> {
+/// What a file asks for.
+pub struct Asked {
+    /// The job's request.
+    pub json: Vec<u8>,
+    /// What there is to know of how it came about; said on stderr, too.
+    pub notes: Vec<String>,
+}
+
+/// The job request of a file.
+pub fn job_of(file: &Path, job: &JobOptions, log: &LogOptions, limits: &RecordingLimits) -> Result<Asked, CliError> {
     let shown = file.display();
     let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let stem = name.trim_end_matches(".gz").to_owned();
-    if stem.ends_with(".json") {
-        return job_file(file, job);
+    if is_job(file) {
+        return Ok(Asked { json: job_file(file, job)?, notes: Vec::new() });
     }
-    let selection = Selection { every: log.every, from: log.from, to: log.to };
+    let selection = Selection { every: log.every.get(), from: log.from, to: log.to };
     let read = read_log(&opened(file), &log.ask(), &selection, limits, &|| true).map_err(complaint(file))?;
     let mut scans = read.scans;
     read.notes.iter().for_each(|note| eprintln!("{shown}: {note}"));
@@ -176,7 +196,9 @@ pub fn job_of(file: &Path, job: &JobOptions, log: &LogOptions, limits: &Recordin
         json!({"sigma_x": sigma_x, "sigma_y": sigma_y, "sigma_theta": sigma_theta, "sigma_range": sigma_range});
     job.override_in(&mut asked)?;
     let asked = asked.as_object().cloned().unwrap_or_default();
-    job_json(&asked, &scans, usize::MAX).ok_or_else(|| CliError::Usage(format!("{shown} is too large")))
+    let json = job_json(&asked, &scans, usize::MAX);
+    let json = json.ok_or_else(|| CliError::Usage(format!("{shown} is too large")))?;
+    Ok(Asked { json, notes: read.notes })
 }
 
 /// A job file with what flags override.
@@ -195,6 +217,12 @@ fn job_file(file: &Path, options: &JobOptions) -> Result<Vec<u8>, CliError> {
     Ok(job.to_string().into_bytes())
 }
 
+/// Whether a file is a job's JSON, by its name.
+fn is_job(file: &Path) -> bool {
+    let name = file.to_string_lossy();
+    name.strip_suffix(".gz").unwrap_or(&name).ends_with(".json")
+}
+
 /// A file, to be read as often as it takes.
 fn opened(file: &Path) -> impl Fn() -> std::io::Result<Box<dyn Read>> + '_ {
     move || Ok(Box::new(BufReader::with_capacity(1 << 20, File::open(file)?)))
@@ -203,23 +231,28 @@ fn opened(file: &Path) -> impl Fn() -> std::io::Result<Box<dyn Read>> + '_ {
 /// Why a log is none, in words for a terminal.
 fn complaint(file: &Path) -> impl Fn(LogError) -> CliError + '_ {
     move |error| match error {
-        LogError::Io(source) => CliError::Io { context: file.display().to_string(), source },
+        LogError::Io(source) => unreadable(file)(source),
         LogError::Carmen(error) => CliError::Usage(format!("{}: {error}; a job file ends in .json", file.display())),
         error => CliError::Usage(format!("{}: {error}", file.display())),
     }
 }
 
+/// A file that cannot be read was named by whoever typed the command.
+fn unreadable(file: &Path) -> impl Fn(std::io::Error) -> CliError + '_ {
+    move |error| CliError::Usage(format!("{} cannot be read: {error}", file.display()))
+}
+
 /// A file's bytes; a gzipped one unpacked, to 1 GiB at most.
 pub(super) fn read_unzipped(file: &Path) -> Result<Vec<u8>, CliError> {
-    let shown = file.display().to_string();
-    let bytes = std::fs::read(file).map_err(CliError::io(shown.clone()))?;
+    let shown = file.display();
+    let bytes = std::fs::read(file).map_err(unreadable(file))?;
     if !bytes.starts_with(&[0x1f, 0x8b]) {
         return Ok(bytes);
     }
     let mut unzipped = Vec::new();
     let limit = 1 << 30;
     let mut reader = flate2::read::MultiGzDecoder::new(&bytes[..]).take(limit);
-    reader.read_to_end(&mut unzipped).map_err(CliError::io(shown.clone()))?;
+    reader.read_to_end(&mut unzipped).map_err(unreadable(file))?;
     if unzipped.len() as u64 == limit {
         return Err(CliError::Usage(format!("{shown} unpacks to more than 1 GiB")));
     }

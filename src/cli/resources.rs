@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 
 use super::CliError;
 use super::client::{Client, Remote, text};
+use super::follow::Follow;
 
 /// How to show what a server answers.
 #[derive(Debug, Args)]
@@ -47,6 +48,11 @@ enum JobCommand {
     },
     /// One, whole.
     Get { id: String },
+    /// Wait until jobs have ended, with a progress bar, and show their maps, as `submit --wait` does.
+    Wait {
+        #[arg(required = true)]
+        ids: Vec<String>,
+    },
     /// Submit an ended job's request once more.
     Retry { id: String },
 }
@@ -120,6 +126,15 @@ impl Jobs {
                 shown.table(&jobs, &["id", "status", "created", "name"]);
             }
             JobCommand::Get { id } => shown.one(&client.get_json(&format!("/v1/jobs/{}", encoded(&id)))?),
+            JobCommand::Wait { ids } => {
+                let (mut unconverged, follow) = (0, Follow { client: &client, wait: true, json: shown.json });
+                for id in &ids {
+                    let job = client.get_json(&format!("/v1/jobs/{}", encoded(id)))?;
+                    let map = follow.job(job["name"].as_str().unwrap_or("job"), &[], job.clone())?;
+                    unconverged += usize::from(map.is_some_and(|map| map["fit"]["converged"] != true));
+                }
+                return CliError::of_unconverged(unconverged);
+            }
             JobCommand::Retry { id } => {
                 shown.one(&client.send_json("POST", &format!("/v1/jobs/{}/retry", encoded(&id)), None)?);
             }
@@ -171,14 +186,21 @@ impl Places {
 impl Cancel {
     pub fn run(self) -> Result<(), CliError> {
         let (client, shown) = self.shown.open();
+        let mut refused = Ok(());
+        // One that has ended already does not save the others.
         for id in &self.ids {
-            let job = client.send_json("DELETE", &format!("/v1/jobs/{}", encoded(id)), None)?;
-            match shown.json {
-                true => println!("{job}"),
-                false => println!("{id} {}", text(&job, "status")),
+            match client.send_json("DELETE", &format!("/v1/jobs/{}", encoded(id)), None) {
+                Ok(job) if shown.json => println!("{job}"),
+                Ok(job) => println!("{id} {}", text(&job, "status")),
+                Err(error @ CliError::Server(_)) => {
+                    if let Err(before) = std::mem::replace(&mut refused, Err(error)) {
+                        eprintln!("mapfit: {before}");
+                    }
+                }
+                Err(other) => return Err(other),
             }
         }
-        Ok(())
+        refused
     }
 }
 

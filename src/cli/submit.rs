@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::CliError;
 use super::client::{Client, Remote, text};
-use super::request::{JobOptions, LogOptions, job_of};
+use super::follow::Follow;
+use super::request::{Asked, JobOptions, LogOptions, job_of};
 use crate::import::RecordingLimits;
 use crate::jobs::Limits;
 
@@ -21,7 +22,7 @@ pub struct Submit {
     /// Wait for the maps, with a progress bar.
     #[arg(long, env = "MAPFIT_WAIT")]
     wait: bool,
-    /// With --wait: {"job": ..., "map": ...} on stdout, a line a file, and nothing else there.
+    /// {"job": ..., "map": ...} on stdout, a line a file, and nothing else there; map is null without --wait.
     #[arg(long, env = "MAPFIT_JSON")]
     json: bool,
     #[command(flatten)]
@@ -38,15 +39,20 @@ impl Submit {
         let client = self.remote.client();
         let mut unconverged = 0;
         for file in &self.files {
-            let job = client.submit(&self.request(file)?)?;
-            let ended = outcome(&client, &file.display().to_string(), job, (self.wait, self.json))?;
-            unconverged += usize::from(ended.is_some_and(|map| map["fit"]["converged"] != true));
+            let asked = self.request(file)?;
+            let job = client.submit(&asked.json)?;
+            let map = self.follow(&client, self.wait).job(&file.display().to_string(), &asked.notes, job)?;
+            unconverged += usize::from(map.is_some_and(|map| map["fit"]["converged"] != true));
         }
-        if unconverged == 0 { Ok(()) } else { Err(CliError::Unconverged(unconverged)) }
+        CliError::of_unconverged(unconverged)
+    }
+
+    fn follow<'a>(&self, client: &'a Client, wait: bool) -> Follow<'a> {
+        Follow { client, wait, json: self.json }
     }
 
     /// The job of a file.
-    fn request(&self, file: &Path) -> Result<Vec<u8>, CliError> {
+    fn request(&self, file: &Path) -> Result<Asked, CliError> {
         // Beside values, a job has its scans' members.
         let Limits { scans, values, .. } = Limits::default();
         job_of(file, &self.job, &self.log, &RecordingLimits { scans, ranges: values, ..super::request::ON_DISK })
@@ -61,62 +67,18 @@ impl Submit {
         let (mut map, mut unconverged) = (map.to_owned(), 0);
         for (k, file) in self.files.iter().enumerate() {
             let unreadable = |error| CliError::Usage(format!("{} is no JSON: {error}", file.display()));
-            let mut update: Value = serde_json::from_slice(&self.request(file)?).map_err(unreadable)?;
+            let Asked { json, notes } = self.request(file)?;
+            let mut update: Value = serde_json::from_slice(&json).map_err(unreadable)?;
             if let Some(members) = update.as_object_mut() {
                 members.remove("map");
             }
             let job = client.submit_to(&format!("/v1/maps/{map}/updates"), update.to_string().as_bytes())?;
             let wait = self.wait || k + 1 < self.files.len();
-            if let Some(next) = outcome(&client, &file.display().to_string(), job, (wait, self.json))? {
+            if let Some(next) = self.follow(&client, wait).job(&file.display().to_string(), &notes, job)? {
                 unconverged += usize::from(next["fit"]["converged"] != true);
                 map = text(&next, "id");
             }
         }
-        if unconverged == 0 { Ok(()) } else { Err(CliError::Unconverged(unconverged)) }
-    }
-}
-
-/// Tells of a job by what it was made of, and of its map where that is waited for; the map then.
-pub(super) fn outcome(
-    client: &Client,
-    what: &str,
-    job: Value,
-    (wait, as_json): (bool, bool),
-) -> Result<Option<Value>, CliError> {
-    if !as_json {
-        println!("{what}: job {}", client.url(&text(&job["links"], "self")));
-    }
-    if let Some(message) = job["message"].as_str() {
-        eprintln!("{what}: {message}");
-    }
-    if !wait {
-        if as_json {
-            println!("{}", json!({"job": job, "map": null}));
-        }
-        return Ok(None);
-    }
-    let job = client.wait(&job)?;
-    let map = client.get_json(&text(&job["links"], "map"))?;
-    match as_json {
-        true => println!("{}", json!({"job": job, "map": map})),
-        false => summary(client, what, &map),
-    }
-    Ok(Some(map))
-}
-
-fn summary(client: &Client, what: &str, map: &Value) {
-    println!("{what}: map {}", client.url(&text(&map["links"], "self")));
-    let fit = &map["fit"];
-    println!(
-        "  {} returns, {:.1} s, {}",
-        fit["observations"],
-        fit["seconds"].as_f64().unwrap_or_default(),
-        if fit["converged"] == true { "converged" } else { "NOT converged" },
-    );
-    if let Some(why) = fit["unconverged"].as_str() {
-        println!("  {why}");
-    }
-    for (relation, address) in map["links"].as_object().into_iter().flatten() {
-        println!("  {relation:<13}{}", client.url(address.as_str().unwrap_or_default()));
+        CliError::of_unconverged(unconverged)
     }
 }

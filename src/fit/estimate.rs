@@ -106,12 +106,22 @@ pub struct Estimate {
     pub surfels: Option<Surfels>,
     /// The share of the returns that were left out because beams of other scans passed where they were.
     pub seen_through: Option<f64>,
+    /// How far the surfaces miss the returns that were not, root mean square, metres.
+    pub rms: f64,
     /// Why the fit did not converge, where it did not.
     pub unconverged: Option<String>,
     /// The pose unknowns from which [`super::resume`] finds this estimate again.
     pub resume: Vec<f64>,
     /// The share of the collocation points that lie on the cut locus and were left out.
     pub cut_locus: Option<f64>,
+}
+
+/// How far surfaces miss returns, root mean square, metres: by a signed field's value there, by a vector field's length.
+pub(super) fn missed_by(surfaces: &[Surface], returns: impl Iterator<Item = Vec2>) -> f64 {
+    let square = |p: Vec2| surfaces.iter().map(|own| own.value(p).map(|value| value * value)).sum::<Option<f64>>();
+    let squares = returns.filter_map(square).filter(|square| square.is_finite());
+    let (count, sum) = squares.fold((0_usize, 0.0), |(count, sum), square| (count + 1, sum + square));
+    (sum / count.max(1) as f64).sqrt()
 }
 
 impl Estimate {

@@ -16,7 +16,7 @@ use nalgebra::{Matrix3, Vector3};
 use rstar::RTree;
 
 use super::collocation::{gauss, thin_plate};
-use super::estimate::{Distance, Estimate, HELD, Input, Inputs, Minimum};
+use super::estimate::{Distance, Estimate, HELD, Input, Inputs, Minimum, missed_by};
 use super::gauge::Motions;
 use super::options::{FitOptions, Poses, Weighting, Weights};
 use super::signed::{largest, least_squares};
@@ -72,7 +72,8 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
         _ => objective.minimise(start, options, &mut cholesky, observer)?,
     };
     let field = [in_use(lattice, &stencil, x), in_use(lattice, &stencil, y)];
-    let places = returns.iter().map(|seen| seen.point).collect();
+    let places: Vec<Vec2> = returns.iter().map(|seen| seen.point).collect();
+    let rms = missed_by(&field, places.iter().copied());
     let inputs = PublishedInputs { field: field.clone(), stencil, returns, trust, viewpoints: viewpoints.clone() };
     let system = inputs.system(&hessians);
     Ok(Estimate {
@@ -93,6 +94,7 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
         cholesky,
         viewpoints,
         poses: scans.iter().map(|scan| scan.pose).collect(),
+        rms,
         returns: places,
         surfels: None,
         seen_through: None,

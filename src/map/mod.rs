@@ -74,6 +74,9 @@ pub struct FitReport {
     /// The share of the returns left out because beams of other scans passed where they were.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen_through: Option<f64>,
+    /// How far the surfaces miss the returns that were taken, root mean square, metres.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rms: Option<f64>,
     /// Of a vector map: the share of the space fitted that lies at the cut locus, where the field jumps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cut_locus: Option<f64>,
@@ -260,6 +263,7 @@ impl FitReport {
             unconverged: estimate.unconverged.clone(),
             weights: estimate.weights.clone(),
             seen_through: estimate.seen_through,
+            rms: Some(estimate.rms),
             cut_locus: estimate.cut_locus,
             active_control_points: Some(stencil.active_len())
                 .filter(|&active| estimate.distance == Distance::Vector || active < stencil.dimension()),

@@ -82,6 +82,7 @@ fn report() -> FitReport {
         unconverged: None,
         weights,
         seen_through: None,
+        rms: None,
         cut_locus: None,
         active_control_points: None,
     }

@@ -24,7 +24,7 @@ pub use objective::Objective;
 pub use sightings::{Placed, Sighting, Sightings, Weighing};
 pub use start::{least_squares, signed_nearest_return};
 
-use super::estimate::{Distance, Estimate, Minimum};
+use super::estimate::{Distance, Estimate, Minimum, missed_by};
 use super::options::{FitOptions, Poses, Weighting, Weights};
 use super::surfels::{Surfels, normals, standing};
 use super::system::{Factor, System};
@@ -99,12 +99,15 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
     }
     let (c, e) = unknowns.split_at(lattice.len());
     let viewpoints = objective.sightings.viewpoints.clone();
+    let surfaces = vec![in_use(lattice, &stencil, c.to_vec())];
+    let returns = places(&objective, e);
     let converged = minimum.relative_gradient <= options.tolerance && minimum.positive_definite;
     Ok(Estimate {
         distance: Distance::Signed,
         weighting: options.weighting,
         lattice: lattice.clone(),
-        surfaces: vec![in_use(lattice, &stencil, c.to_vec())],
+        rms: missed_by(&surfaces, returns.iter().copied()),
+        surfaces,
         evidence,
         converged,
         unconverged: why_not(converged, &minimum, options),
@@ -115,7 +118,7 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
         cholesky,
         poses: corrected(scans, &viewpoints, e),
         viewpoints,
-        returns: places(&objective, e),
+        returns,
         inputs: Box::new(SignedInputs { objective, unknowns, weighting: options.weighting }),
         surfels: None,
         seen_through,

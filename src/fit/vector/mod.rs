@@ -27,7 +27,7 @@ use characteristics::Characteristics;
 use inputs::VectorInputs;
 use objective::VectorObjective;
 
-use super::estimate::{Distance, Estimate, Minimum};
+use super::estimate::{Distance, Estimate, Minimum, missed_by};
 use super::gauge::Motions;
 use super::options::{FitOptions, MOST_TRUST, Poses, Weighting, Weights};
 use super::surfels::{Surfel, Surfels, normals, standing};
@@ -97,6 +97,8 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
     let converged = minimum.relative_gradient <= options.tolerance;
     let y = z.split_off(lattice.len());
     let field = [in_use(lattice, &stencil, z), in_use(lattice, &stencil, y)];
+    let taken = returns.iter().zip(&round.stands).filter(|(_, stands)| **stands);
+    let rms = missed_by(&field, taken.map(|(seen, _)| seen.point));
     let inputs = VectorInputs {
         field: field.clone(),
         surfels: round.surfels.clone(),
@@ -122,6 +124,7 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
         poses: corrected(scans, &viewpoints, &e),
         cut_locus: Some(round.traced.left_out),
         seen_through: Some(round.seen_through),
+        rms,
         viewpoints,
         weights,
     })
@@ -146,6 +149,8 @@ struct Gathered {
     surfels: Surfels,
     traced: Characteristics,
     seen_through: f64,
+    /// Which of the returns were not.
+    stands: Vec<bool>,
     /// How often they had been gathered then.
     round: usize,
 }
@@ -163,12 +168,14 @@ impl Place<'_> {
     fn gather(&self, returns: &[Return], e: &[f64], go_on: &mut dyn FnMut() -> bool) -> Result<Gathered, FitError> {
         let &Self { scans, lattice, viewpoints, near, .. } = self;
         let normals = normals::outward(returns, lattice.resolution);
-        let (mut surfels, _) = Surfels::gather(returns, &normals, viewpoints, lattice.resolution);
+        let (mut surfels, owners) = Surfels::gather(returns, &normals, viewpoints, lattice.resolution);
         let stands = standing::standing(&surfels, scans, &self.poses(e), lattice.resolution, go_on);
         let stands = stands.ok_or(FitError::Cancelled)?;
         let kept = surfels.keep(&stands);
+        // Where nothing stands, everything was kept.
+        let stands = owners.iter().map(|own| kept >= 1.0 || stands[*own]).collect();
         let traced = Characteristics::trace(lattice, &surfels, near, self.team);
-        Ok(Gathered { e: e.to_vec(), surfels, traced, seen_through: 1.0 - kept, round: 1 })
+        Ok(Gathered { e: e.to_vec(), surfels, traced, seen_through: 1.0 - kept, stands, round: 1 })
     }
 
     /// The objective of gathered surfels, linear around the pose unknowns `e`.
@@ -372,5 +379,22 @@ pub(super) mod tests {
             assert!(v[0].abs() < 0.03 && (v[1] - exact).abs() < 0.02, "({x}, {y}): {v:?}");
         }
         assert!(fit.seen_through < Some(0.05), "{:?} of the returns", fit.seen_through);
+    }
+
+    #[test]
+    fn the_rms_is_that_of_the_returns_that_stand() {
+        let (scans, _) = corridor(&[Vec2::new(2.0, 0.9), Vec2::new(3.0, 1.2)]);
+        let noise = Noise { sigma_x: 0.001, sigma_y: 0.001, sigma_theta: 1e-4, sigma_range: 0.005 };
+        let bounds = crate::geometry::Bounds { min: [-0.5, -0.5], max: [8.5, 2.5] };
+        let lattice = Lattice::covering(&bounds, 0.25, 10_000).unwrap();
+        let options = FitOptions::default();
+        let fit = fit(&Job::alone(&scans, &noise, &lattice, &options), &mut |_| ControlFlow::Continue(())).unwrap();
+        // Ranges are good to 5 mm; the two people stood almost a metre off the walls.
+        let all = missed_by(&fit.surfaces, fit.returns.iter().copied());
+        assert!(
+            fit.rms > 0.002 && fit.rms < 0.02 && all > 2.0 * fit.rms,
+            "{} of those that stand, {all} of all",
+            fit.rms
+        );
     }
 }
