@@ -98,7 +98,7 @@ fn the_legend_names_what_is_drawn_and_nothing_else() {
     );
     assert_eq!(named("contours?format=svg"), names(&["contour"]));
     assert_eq!(named("contours?format=svg&level=-0.5&sigma_band=1").len(), 2);
-    assert_eq!(named("contours?format=svg&level=100&sigma_band=2"), names(&[]), "there is no such place");
+    assert_eq!(named("contours?format=svg&level=100"), names(&[]), "there is no such place");
 
     let mut vector = experiment_one(1);
     vector["map"]["distance"] = json!("vdf");
@@ -124,7 +124,7 @@ fn every_picture_says_which_map_it_is_and_how_long_a_metre() {
         let said: f64 = bar.descendants().find_map(|node| node.text()).unwrap().trim_end_matches(" m").parse().unwrap();
         let long = number(bar.descendants().find(|node| node.has_tag_name("rect")).unwrap(), "width");
         let lattice = &server.get(&own).json()["lattice"];
-        let metres = lattice["nx"].as_f64().unwrap() * lattice["resolution"].as_f64().unwrap();
+        let metres = lattice["cells"][0].as_f64().unwrap() * lattice["resolution"].as_f64().unwrap();
         let wide = number(classed(&svg, "frame").unwrap(), "width");
         assert!((long / wide - said / metres).abs() < 0.01, "{said} m are {long} of {wide}, which are {metres} m");
     }

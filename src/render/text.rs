@@ -5,7 +5,7 @@ pub(super) fn width(text: &str, size: f64) -> f64 {
     let of = |c: char| match c {
         'i' | 'j' | 'l' | '.' | ',' | ':' | ';' | '\'' | '|' | '!' | ' ' => 0.34,
         't' | 'f' | 'r' | 'I' | '(' | ')' | '[' | ']' | '/' | '-' => 0.42,
-        'm' | 'w' | 'M' | 'W' | '@' | '%' | '=' | '\u{2026}' | '\u{2212}' => 1.0,
+        'm' | 'w' | 'M' | 'W' | '@' | '%' | '=' | '\u{2212}' => 1.0,
         c if c.is_uppercase() => 0.76,
         c if c as u32 > 0x2e80 => 1.05,
         _ => 0.64,
@@ -18,13 +18,13 @@ pub(super) fn shortened(text: &str, size: f64, room: f64) -> String {
     if width(text, size) <= room {
         return text.to_owned();
     }
-    let room = room - width("\u{2026}", size);
+    let room = room - width("...", size);
     let mut kept: String = text.to_owned();
     while !kept.is_empty() && width(&kept, size) > room {
         kept.pop();
     }
     kept.truncate(kept.trim_end().len());
-    kept + "\u{2026}"
+    kept + "..."
 }
 
 /// Round numbers between `low` and `high`, about `count` of them: steps of 1, 2 or 5 times a power of ten.
@@ -93,7 +93,7 @@ mod tests {
     fn what_does_not_fit_is_shortened_and_says_so() {
         assert_eq!(shortened("lab", 12.0, 100.0), "lab");
         let cut = shortened(&"a long name ".repeat(20), 12.0, 100.0);
-        assert!(cut.ends_with('\u{2026}') && width(&cut, 12.0) <= 100.0 && cut.len() > 8, "{cut}");
+        assert!(cut.ends_with("...") && width(&cut, 12.0) <= 100.0 && cut.len() > 8, "{cut}");
     }
 
     #[test]

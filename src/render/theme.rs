@@ -37,7 +37,7 @@ const LIGHT: Colors = Colors {
     band: "#1b9e77",
     returns: "#d95f02",
     poses: "#6a3d9a",
-    jumps: "#b2182b",
+    jumps: "#e7298a",
 };
 
 const DARK: Colors = Colors {
