@@ -41,7 +41,7 @@ struct Seen {
 impl Bar {
     pub fn new() -> Self {
         let bar = ProgressBar::new(100);
-        if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos:>3} % [{elapsed}] {wide_msg}") {
+        if let Ok(style) = ProgressStyle::with_template("{bar:20} {pos:>3} % [{elapsed}] {wide_msg}") {
             bar.set_style(style);
         }
         if !bar.is_hidden() {
@@ -55,10 +55,10 @@ impl Bar {
         self.bar.is_hidden()
     }
 
-    /// Shows words alone: nothing has begun.
-    pub fn waits(&mut self, words: String) {
+    /// Shows words alone, where it cannot be said how long something takes.
+    pub fn says(&mut self, percent: f64, words: String) {
         (self.begun, self.stage) = (None, None);
-        self.bar.set_position(0);
+        self.bar.set_position(percent.max(0.0) as u64);
         self.bar.set_message(words);
     }
 
@@ -87,20 +87,20 @@ impl Drop for Bar {
     }
 }
 
-/// Stage, steps with their rate, and the time that is left. `steps` is the last one, how many were seen, and within
-/// what time; `done` the same of the whole, in per cent.
+/// Stage, the time that is left, and steps with their rate: what matters least is cut off where a terminal is narrow.
+/// `steps` is the last one, how many were seen, and within what time; `done` the same of the whole, in per cent.
 fn words(stage: &str, steps: (u64, u64, Duration), done: (f64, f64, Duration)) -> String {
     let mut words = stage.to_owned();
+    let (percent, seen, within) = done;
+    if seen >= SEEN && within >= AFTER && percent < 100.0 {
+        words.push_str(&format!(", about {} left", span(within.mul_f64((100.0 - percent) / seen))));
+    }
     let (step, seen, within) = steps;
     if step > 0 {
         words.push_str(&format!(", step {step}"));
     }
     if seen > 1 {
         words.push_str(&format!(", {:.1} steps/s", seen as f64 / within.as_secs_f64().max(1e-3)));
-    }
-    let (percent, seen, within) = done;
-    if seen >= SEEN && within >= AFTER && percent < 100.0 {
-        words.push_str(&format!(", about {} left", span(within.mul_f64((100.0 - percent) / seen))));
     }
     words
 }
@@ -126,7 +126,7 @@ mod tests {
         assert_eq!(words("fitting", (1, 0, seconds(9)), nothing), "fitting, step 1");
         // Seen from 20 to 40 per cent within 10 s: the other 60 take three times as long.
         let shown = words("fitting", (12, 10, seconds(4)), (40.0, 20.0, seconds(10)));
-        assert_eq!(shown, "fitting, step 12, 2.5 steps/s, about 30 s left");
+        assert_eq!(shown, "fitting, about 30 s left, step 12, 2.5 steps/s");
         let early = words("fitting", (12, 10, seconds(1)), (40.0, 20.0, seconds(1)));
         assert_eq!(early, "fitting, step 12, 10.0 steps/s");
         assert_eq!(words("done", (0, 0, seconds(0)), (100.0, 90.0, seconds(10))), "done");

@@ -49,7 +49,7 @@ impl FitCommand {
         std::fs::create_dir_all(out).map_err(refused)?;
         let bar = RefCell::new(Bar::new());
         let map = fitted(&request, &bar)?;
-        bar.borrow_mut().show(Standing { percent: FITTED, stage: "writing", step: 0 });
+        bar.borrow_mut().says(FITTED, format!("writing to {folder}"));
         let factors =
             Factors::of(&mut request.resume(&map)?).map_err(|error| SurveyError::from(MapError::from(error)))?;
         write(out, "factors.npz", &factors_npz(&factors).map_err(ArchiveError::from)?)?;
@@ -63,7 +63,7 @@ impl FitCommand {
 }
 
 /// A fit's share of the whole, per cent: its files are written after it.
-const FITTED: f64 = 90.0;
+const FITTED: f64 = 80.0;
 
 /// The map of a request, while the bar shows how far it is.
 fn fitted(request: &JobRequest, bar: &RefCell<Bar>) -> Result<FittedMap, SurveyError> {

@@ -83,7 +83,7 @@ pub fn ended(client: &Client, job: Value) -> Result<Value, CliError> {
         match text(&job, "status").as_str() {
             "successful" | "failed" | "dismissed" => return Ok(job),
             _ if bar.is_hidden() => continue,
-            "accepted" => bar.waits(queue.words()),
+            "accepted" => bar.says(0.0, queue.words()),
             _ => {
                 let progress = &job["progress"];
                 let step = progress["iteration"].as_u64().unwrap_or(0);
