@@ -21,7 +21,7 @@ use crate::http::shared::multipart;
 use crate::http::shared::negotiate::{JSON, MULTIPART};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
-use crate::http::shared::rate::Standing;
+use crate::http::shared::standing::Standing;
 use crate::http::shared::{AppState, Caller};
 use crate::jobs::{Fault, JobRequest, Limits};
 use crate::store::{NewJob, Quota, Submission};

@@ -11,8 +11,8 @@ use crate::access;
 use crate::http::shared::AppState;
 use crate::http::shared::caller::{Caller, Scope};
 use crate::http::shared::problem::Problem;
-use crate::http::shared::rate::Standing;
 use crate::http::shared::rules::Rule;
+use crate::http::shared::standing::Standing;
 
 /// Lets in whoever has the key that the route needs.
 pub async fn let_in(State(state): State<AppState>, path: MatchedPath, mut request: Request, next: Next) -> Response {

@@ -14,6 +14,7 @@ pub mod rate;
 pub mod ration;
 pub mod relabel;
 pub mod rules;
+pub mod standing;
 pub mod state;
 pub mod tag;
 

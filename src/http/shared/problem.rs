@@ -8,7 +8,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::{IntoResponses, ToSchema};
 
-use super::rate::Standing;
+use super::standing::Standing;
 use crate::jobs::{DocumentError, Fault, RequestError};
 use crate::map::ArchiveError;
 use crate::map::npz::NpzError;

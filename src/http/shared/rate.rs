@@ -4,39 +4,13 @@ use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
+use axum::http::StatusCode;
 
 use super::problem::Problem;
+use super::standing::Standing;
 
 /// Keys that are remembered at most; beyond, full buckets are forgotten.
 const MOST_KEYS: usize = 10_000;
-
-/// Where a client stands with something it may have so much of (draft-ietf-httpapi-ratelimit-headers).
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Standing {
-    pub policy: &'static str,
-    /// How much there may be; in so many seconds, where it comes back by itself.
-    pub quota: u64,
-    pub window: Option<u32>,
-    pub left: u64,
-    /// Seconds after which there may be more.
-    pub reset: u32,
-}
-
-impl Standing {
-    /// Tells it, beside what is told of other policies.
-    pub fn tell(&self, headers: &mut HeaderMap) {
-        let Self { policy, quota, left, reset, .. } = self;
-        let window = self.window.map(|seconds| format!(";w={seconds}")).unwrap_or_default();
-        let mut add = |name: &'static str, text: String| {
-            if let Ok(value) = HeaderValue::from_str(&text) {
-                headers.append(HeaderName::from_static(name), value);
-            }
-        };
-        add("ratelimit-policy", format!("\"{policy}\";q={quota}{window}"));
-        add("ratelimit", format!("\"{policy}\";r={left};t={reset}"));
-    }
-}
 
 /// Requests of all keys.
 pub struct Rates {
