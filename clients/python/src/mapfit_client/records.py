@@ -129,6 +129,7 @@ class FitRecord(TypedDict):
     weights: Weights
     stages: NotRequired[StageSeconds]
     unconverged: NotRequired[str | None]
+    rms: NotRequired[float | None]
     seen_through: NotRequired[float | None]
     cut_locus: NotRequired[float | None]
     active_control_points: NotRequired[int | None]
