@@ -125,8 +125,8 @@ fn assert_same(one: &[(String, Vec<u8>)], other: &[(String, Vec<u8>)]) {
     }
 }
 
-/// A service with so many maps, ended jobs of every kind, waiting ones, places, a webhook and a key, which is returned with
-/// those that wait.
+/// A service with so many maps, ended jobs of every kind, waiting ones, places, a webhook and a key, which is returned
+/// with those that wait.
 fn furnish(stores: &Stores, data: &Path, maps: usize) -> (String, [String; 2]) {
     let made = stores.run(&["keys", "create", "--scopes", "read,submit,admin"].map(|word| word));
     let key = String::from_utf8(made.stdout).unwrap().lines().last().unwrap().to_owned();

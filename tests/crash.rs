@@ -134,8 +134,8 @@ fn until(what: &str, mut holds: impl FnMut() -> bool) {
     }
 }
 
-/// A worker stands still in the middle of a fit until its lease has lapsed, and another has finished the job. When it goes on
-/// it finds that out, and writes nothing.
+/// A worker stands still in the middle of a fit until its lease has lapsed, and another has finished the job. When it
+/// goes on it finds that out, and writes nothing.
 fn a_frozen_worker_writes_nothing(database: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
     let shared: Vec<&str> =

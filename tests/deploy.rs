@@ -42,8 +42,8 @@ fn targets(folder: &Path) -> BTreeSet<String> {
     own.map(|target| format!("{} {}", target["kind"][0], target["name"])).collect()
 }
 
-/// Which targets a manifest names that are not there is for each version of cargo to forgive: what the image copies has all of
-/// them, and what the program has compiled in.
+/// Which targets a manifest names that are not there is for each version of cargo to forgive: what the image copies has
+/// all of them, and what the program has compiled in.
 #[test]
 fn the_image_has_what_cargo_asks_for() {
     let (root, stage) = (Path::new(env!("CARGO_MANIFEST_DIR")), tempfile::tempdir().unwrap());

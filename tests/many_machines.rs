@@ -116,7 +116,8 @@ fn a_worker_hears_of_a_job_at_once() {
     assert!(waited[4] < 0.05, "{waited:?}");
 }
 
-/// Whoever listens is cut off again and again, as by a proxy or a failover: what may have been missed is looked for at once.
+/// Whoever listens is cut off again and again, as by a proxy or a failover: what may have been missed is looked for at
+/// once.
 #[test]
 fn a_job_is_taken_within_a_second_by_who_is_cut_off() {
     const CUT: &str = "SELECT count(pg_terminate_backend(pid)) FROM pg_stat_activity \

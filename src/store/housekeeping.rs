@@ -18,8 +18,9 @@ pub struct Holdings {
     pub bytes: i64,
 }
 
-/// Tenants with at most so many waiting jobs are light, the others heavy: classes that are two, however many tenants there
-/// are. Where heavy ones wait it is somebody's burst; where light ones do, there is too little of something for all.
+/// Tenants with at most so many waiting jobs are light, the others heavy: classes that are two, however many tenants
+/// there are. Where heavy ones wait it is somebody's burst; where light ones do, there is too little of something for
+/// all.
 pub const LIGHT: i64 = 10;
 
 /// What a class of tenants has now.

@@ -9,8 +9,8 @@ use sqlx::migrate::{Migration, MigrationType, Migrator};
 /// A migration of a folder: the number that its file begins with, the rest of its name, and its text.
 pub(super) type File = (i64, &'static str, &'static str);
 
-/// What brings a database up to date. One that a later version has brought further is taken as it is: while servers and workers
-/// are replaced one after the other, those of the version before start again, too.
+/// What brings a database up to date. One that a later version has brought further is taken as it is: while servers and
+/// workers are replaced one after the other, those of the version before start again, too.
 pub(super) fn migrator(files: &[File]) -> Migrator {
     let migration = |&(version, description, sql): &File| {
         Migration::new(version, description.into(), MigrationType::Simple, sql.into_sql_str(), false)

@@ -85,8 +85,8 @@ fn a_robot_waits_for_the_next_map() {
     server.get("/v1/places/hall?wait=61").problem(422);
 }
 
-/// Publishers at once, and a server that is killed right behind an answer: whatever was answered is there, and no number is
-/// missing or there twice.
+/// Publishers at once, and a server that is killed right behind an answer: whatever was answered is there, and no
+/// number is missing or there twice.
 #[test]
 fn what_was_published_outlives_a_kill() {
     const PUBLISHERS: i64 = 4;

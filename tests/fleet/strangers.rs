@@ -93,6 +93,35 @@ fn a_stranger_is_refused_before_the_body() {
     assert!(stream.read_exact(&mut [0; 12]).is_err(), "whoever has a key is waited for");
 }
 
+/// Whoever is refused while they still send has their answer, and a connection that goes on.
+#[test]
+fn a_refused_body_is_thrown_away() {
+    let data = tempfile::tempdir().unwrap();
+    key(data.path(), "a", "submit");
+    let server = Server::start(data.path(), 0);
+    let mut stream = TcpStream::connect(server.url.trim_start_matches("http://")).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    let mut answered = |sent: &[u8]| {
+        stream.write_all(sent).unwrap();
+        let (mut head, mut byte) = (Vec::new(), [0]);
+        while !head.ends_with(b"\r\n\r\n") {
+            stream.read_exact(&mut byte).unwrap();
+            head.push(byte[0]);
+        }
+        let head = String::from_utf8(head).unwrap().to_lowercase();
+        let length = head.lines().find_map(|line| line.strip_prefix("content-length: ")).unwrap();
+        stream.read_exact(&mut vec![0; length.parse().unwrap()]).unwrap();
+        head[9..12].to_owned()
+    };
+    const LENGTH: usize = 5_000_000;
+    let head = format!(
+        "POST /v1/jobs HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\nContent-Length: {LENGTH}\r\n\r\n"
+    );
+    assert_eq!(answered(head.as_bytes()), "401");
+    let rest = [&vec![b' '; LENGTH][..], b"GET /livez HTTP/1.1\r\nHost: x\r\n\r\n"].concat();
+    assert_eq!(answered(&rest), "200");
+}
+
 /// What another tenant has is not there, by whichever route it is asked for, and stays as it is.
 #[test]
 fn ids_of_another_tenant_are_unknown_everywhere() {

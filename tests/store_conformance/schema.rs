@@ -1,4 +1,5 @@
-//! Databases of other versions: older ones are brought up to date with what is in them, newer ones are worked with as they are.
+//! Databases of other versions: older ones are brought up to date with what is in them, newer ones are worked with as
+//! they are.
 
 use std::path::Path;
 

@@ -1,7 +1,7 @@
 //! What holds for every response: a request id, and problems for every error, whoever raised it.
 //!
-//! Whatever is logged while a request is answered has its id, by a span of the log around it; an answer that is the service's
-//! own fault is always logged, for its id is all that a client can tell of it.
+//! Whatever is logged while a request is answered has its id, by a span of the log around it; an answer that is the
+//! service's own fault is always logged, for its id is all that a client can tell of it.
 
 use std::any::Any;
 

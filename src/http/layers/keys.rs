@@ -15,12 +15,16 @@ use crate::http::shared::rules::Rule;
 use crate::http::shared::standing::Standing;
 
 /// Lets in whoever has the key that the route needs.
-pub async fn let_in(State(state): State<AppState>, path: MatchedPath, mut request: Request, next: Next) -> Response {
+pub async fn let_in(State(state): State<AppState>, path: MatchedPath, request: Request, next: Next) -> Response {
     let rule = state.rules.of_route(request.method(), path.as_str());
-    let (caller, standing) = match admit(&state, request.headers(), rule).await {
+    let (parts, body) = request.into_parts();
+    let admitted = admit(&state, &parts.headers, rule).await;
+    // Whoever is refused sees it, also while they still send.
+    let ((caller, standing), body) = match state.before(admitted, body) {
         Ok(admitted) => admitted,
         Err(problem) => return problem.into_response(),
     };
+    let mut request = Request::from_parts(parts, body);
     request.extensions_mut().insert(caller);
     let mut response = next.run(request).await;
     if let Some(standing) = standing {

@@ -82,8 +82,9 @@ impl PostgresStore {
         Ok(Self { intake: Intake::new(PostgresLedger::new(pool.clone())), pool })
     }
 
-    /// Wakes one who waits for jobs whenever any process accepted one, and all who wait for places whenever any published
-    /// at one, for as long as it is polled. What was notified while the database was away is lost: everyone is woken then.
+    /// Wakes one who waits for jobs whenever any process accepted one, and all who wait for places whenever any
+    /// published at one, for as long as it is polled. What was notified while the database was away is lost: everyone
+    /// is woken then.
     pub async fn listen(&self, arrivals: Arc<Notify>, publications: Arc<Notify>) {
         loop {
             if let Err(error) = self.hear(&arrivals, &publications).await {
