@@ -20,7 +20,7 @@ const DEEPEST_HEADER: i32 = 2;
 pub struct Question {
     pub points: Vec<Vec2>,
     pub kind: Kind,
-    /// A mark for each of [`FIELDS`].
+    /// A mark for each of `FIELDS`.
     pub fields: [bool; FIELDS.len()],
 }
 
