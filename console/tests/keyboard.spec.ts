@@ -100,7 +100,8 @@ test("every download, and its lines", async ({ page }) => {
     await tabTo(page, row.getByRole("link"));
     const download = page.waitForEvent("download");
     await page.keyboard.press("Enter");
-    await (await download).cancel();
+    // To its end: Chromium keeps the connection of one that is cancelled, and has six.
+    expect(await (await download).failure()).toBeNull();
     await tabTo(page, row.locator("summary"));
   }
   await page.keyboard.press("Enter");
