@@ -36,6 +36,11 @@ impl Memory {
         Self { whole, shared: Mutex::new(shared), given_back: Condvar::new() }
     }
 
+    /// Whether so many bytes are ever free.
+    pub fn allows(&self, bytes: u64) -> bool {
+        bytes <= self.whole
+    }
+
     /// Waits for so many bytes while `goes_on` holds; `None` where it does not any more. What needs more than there is
     /// takes all of it.
     pub fn reserve(&self, bytes: u64, goes_on: &dyn Fn() -> bool) -> Option<Reserved<'_>> {

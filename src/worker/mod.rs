@@ -118,6 +118,11 @@ impl Workshop {
         }))
     }
 
+    /// Whether so many bytes of what fits share are ever free.
+    pub fn allows(&self, bytes: u64) -> bool {
+        self.memory.allows(bytes)
+    }
+
     /// Waits for so many bytes of what fits share, while `goes_on` holds.
     pub fn reserve(&self, bytes: u64, goes_on: &dyn Fn() -> bool) -> Option<Reserved<'_>> {
         self.memory.reserve(bytes, goes_on)

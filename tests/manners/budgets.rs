@@ -165,3 +165,17 @@ fn a_job_that_needs_more_memory_than_there_is_is_refused_at_once() {
     assert!(detail.contains("16 MiB (--memory)"), "{detail}");
     assert_eq!(server.post("/v1/jobs", &small(1)).status, 202);
 }
+
+/// A map from a larger machine: what is formed from its fit would take what is not there.
+#[test]
+fn an_answer_that_needs_more_memory_than_there_is_is_refused_at_once() {
+    let data = tempfile::tempdir().unwrap();
+    let id = Server::start(data.path(), 1).map_of(&experiment_one(1));
+    let server = Server::start_with(data.path(), 0, &["--memory", "16"]);
+    let asked = Instant::now();
+    let block = server.get(&format!("/v1/maps/{id}/covariance?form=block&i0=4&j0=4&ni=4&nj=4"));
+    let problem = block.problem(503);
+    assert!(problem["detail"].as_str().unwrap().contains("(--memory)"), "{problem}");
+    assert!(asked.elapsed() < Duration::from_secs(5));
+    assert_eq!(server.get(&format!("/v1/maps/{id}/covariance?form=diagonal")).status, 200);
+}

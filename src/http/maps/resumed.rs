@@ -6,6 +6,8 @@
 
 use std::sync::Arc;
 
+use axum::http::StatusCode;
+
 use crate::fit::Estimate;
 use crate::http::shared::compute::{Leash, Queue, too_slow};
 use crate::http::shared::problem::Problem;
@@ -82,9 +84,22 @@ impl Ended {
         let request = request.map_err(|error| Problem::internal(&error))?;
         drop(stored);
         let (_, cost) = request.cost(&|| leash.holds()).ok_or_else(too_slow)?;
+        if !workshop.allows(cost.bytes as u64) {
+            return Err(too_large(cost.bytes));
+        }
         let _held = workshop.reserve(cost.bytes as u64, &|| leash.holds()).ok_or_else(too_slow)?;
         let estimate = request.resume(&self.map).map_err(|error| Problem::internal(&error))?;
         leash.goes_on()?;
         form(estimate)
     }
+}
+
+/// 503: a map that was fitted where there was more memory, or before there was less.
+fn too_large(bytes: f64) -> Problem {
+    let detail = format!(
+        "forming this takes about {:.0} MB, more than fits and such answers may hold together (--memory); `diagonal`, \
+         `sparse` and queries take none of it",
+        bytes / 1e6
+    );
+    Problem { detail, ..Problem::of_status(StatusCode::SERVICE_UNAVAILABLE) }
 }
