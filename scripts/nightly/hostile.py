@@ -46,8 +46,8 @@ def attack(options: argparse.Namespace, folder: Path) -> Iterator[tuple[str, dic
         server = Server(options.binary, folder / "requests", 2, options.server_args.split())
         yield "requests", _under(server, partial(requests.run, server, only=options.only))
     if options.mutations:
-        # Small maps, so that thousands end; the large ones are the crowd's.
-        more = ["--max-control-points", "5000", *options.server_args.split()]
+        # Small maps, so that thousands end; the large ones are the crowd's. What is fitted in parts is bounded by memory.
+        more = ["--max-control-points", "5000", "--memory", "200", *options.server_args.split()]
         server = Server(options.binary, folder / "mutants", 2, more)
         yield "mutants", _under(server, partial(mutants.run, server, options=options))
 
