@@ -48,6 +48,10 @@ pub async fn finish(mut request: Request, next: Next) -> Response {
         response.headers_mut().insert(&REQUEST_ID, value);
     }
     span.in_scope(|| match &problem {
+        // Refused for load or what is away: whoever comes in bulk must not bury what failed.
+        Some(Problem { slug, detail, .. }) if status == StatusCode::SERVICE_UNAVAILABLE => {
+            tracing::warn!(%method, path, status = status.as_u16(), ms, problem = slug, detail, "a request failed");
+        }
         Some(Problem { slug, detail, .. }) if status.is_server_error() => {
             tracing::error!(%method, path, status = status.as_u16(), ms, problem = slug, detail, "a request failed");
         }
