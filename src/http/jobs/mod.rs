@@ -1,5 +1,7 @@
 //! Jobs: submission, states, lists, long poll, server-sent events, cancellation.
 
+#[cfg(test)]
+mod agreement;
 pub mod change;
 pub mod document;
 pub mod dry_run;
