@@ -32,7 +32,9 @@ echo started
 while read -r what; do
     case $what in
         kill) kill -KILL $server; wait $server 2>/dev/null ;;
-        stop) kill -STOP $server ;;
+        # The signal is sent before it is heard: a busy machine lets a thread answer once more.
+        stop) kill -STOP $server
+              while [ -n "$(grep -L '^State:.T' /proc/$server/task/*/status)" ]; do sleep 0.01; done ;;
         go) kill -CONT $server ;;
         start) start "$@" ;;
     esac
