@@ -105,7 +105,7 @@ impl FittedMap {
         let frames = read_frames(&mut npz)?;
         let report: FitReport = serde_json::from_slice(&npz.array::<u8>("report")?)?;
         let surfaces = match npz.has("facets") {
-            true => read_surfaces(&mut npz, lattice.resolution)?,
+            true => read_surfaces(&mut npz, &lattice)?,
             false => {
                 let lines = zero_lines(Chart { field: &field, evidence: &evidence }).map_err(MapError::from)?;
                 Surfaces::of_lines(&field, &lines)
@@ -164,7 +164,7 @@ fn write_surfaces(npz: &mut NpzWriter, surfaces: &Surfaces, names: [&str; 3]) ->
     Ok(())
 }
 
-fn read_surfaces(npz: &mut NpzReader<'_>, resolution: f64) -> Result<Surfaces, ArchiveError> {
+fn read_surfaces(npz: &mut NpzReader<'_>, lattice: &Lattice) -> Result<Surfaces, ArchiveError> {
     let ends: Vec<f64> = npz.array("facets")?;
     let sigma: Vec<f64> = npz.array("facet_sigma")?;
     let open: Vec<bool> = npz.array("facet_open")?;
@@ -177,7 +177,7 @@ fn read_surfaces(npz: &mut NpzReader<'_>, resolution: f64) -> Result<Surfaces, A
         sigma: [sigma[0], sigma[1]],
         open: [open[0], open[1]],
     };
-    Ok(Surfaces::new(facets.map(facet).collect(), resolution))
+    Ok(Surfaces::new(facets.map(facet).collect(), lattice))
 }
 
 /// The parts of a covariance by name, in the order of [`CellCovariance::parts`].

@@ -212,7 +212,7 @@ impl FittedMap {
     pub fn held_bytes(&self) -> usize {
         let parts = Kind::ALL.map(|kind| self.field.covariance(kind).parts.iter().map(|part| part.values.len()).sum());
         let numbers = parts.iter().sum::<usize>() + 8 * self.lattice().len() + 2 * self.returns.len();
-        8 * numbers + 250 * self.surfaces.facets().len()
+        8 * numbers + self.surfaces.held_bytes()
     }
 
     /// From where [`crate::fit::resume`] finds the fit's end again: coefficients and pose unknowns.

@@ -16,8 +16,10 @@
 //! distance is the least of several uncertain ones, whose spread is Clark's (1961).
 
 mod bridges;
+mod facet;
 pub(crate) mod level;
 pub(crate) mod lines;
+mod nearby;
 pub(crate) mod samples;
 mod simple;
 mod walls;
@@ -25,50 +27,26 @@ mod walls;
 use rstar::primitives::{GeomWithData, Line};
 use rstar::{AABB, RTree};
 
+use self::facet::LEAST_LENGTH;
+pub(crate) use self::facet::STRAY;
+pub use self::facet::{Facet, Foot};
+use self::nearby::{Nearby, Surroundings};
 use super::Field;
-use super::query::normal_cdf;
 use crate::fit::Surfels;
-use crate::geometry::{Vec2, distance_to_segment, nearest_on_segment, share_on_segment, turned};
+use crate::geometry::{Vec2, distance_to_segment, nearest_on_segment};
+use crate::spline::Lattice;
 use crate::uncertainty::Kind;
 
-/// Where a surface ends is known to this many cells, where it turns away to that many, and how far it strays from its
-/// facets (standard deviations, from two buildings: `docs/vector.md`).
-const END: f64 = 0.4;
-const TURN: f64 = 0.25;
-pub(crate) const STRAY: f64 = 0.03;
 /// Surfaces whose directions have a cosine below this are different ones.
 const RIVAL: f64 = 0.5;
-
-/// A straight piece of surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Facet {
-    /// Metres.
-    pub ends: [Vec2; 2],
-    /// The standard deviation of its place across itself, metres: propagated, posterior.
-    pub sigma: [f64; 2],
-    /// Whether the surface ends at either end.
-    pub open: [bool; 2],
-}
-
 /// A map's facets and an index over them; see the module.
 #[derive(Debug, Clone)]
 pub struct Surfaces {
     facets: Vec<Facet>,
-    tree: RTree<GeomWithData<Line<[f64; 2]>, usize>>,
+    tree: nearby::Tree,
+    nearby: Nearby,
     /// The lattice's, metres.
     resolution: f64,
-}
-
-/// The surface point nearest to a place, and what is known of the distance.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Foot {
-    pub point: Vec2,
-    /// Metres.
-    pub distance: f64,
-    /// Its standard deviation, metres.
-    pub sigma: f64,
-    /// The unit vector away from the surface; across it where the place lies on it.
-    pub away: Vec2,
 }
 
 impl Surfaces {
@@ -82,7 +60,7 @@ impl Surfaces {
             let open = surfel.goes_on.map(|goes_on| !goes_on);
             Some(Facet { ends: [a - step, b - step], sigma: [sigma[0]?, sigma[1]?], open })
         });
-        Self::new(facets.collect(), field.lattice().resolution)
+        Self::new(facets.collect(), field.lattice())
     }
 
     /// The pieces of lines on which a field vanishes.
@@ -99,42 +77,79 @@ impl Surfaces {
             };
             line.windows(2).enumerate().filter_map(facet).collect::<Vec<_>>()
         });
-        Self::new(facets.collect(), resolution)
+        Self::new(facets.collect(), field.lattice())
     }
 
-    /// Surfaces from their facets. `resolution` is the lattice's.
-    pub fn new(mut facets: Vec<Facet>, resolution: f64) -> Self {
+    /// Surfaces of a map on a lattice, from their facets.
+    pub fn new(mut facets: Vec<Facet>, lattice: &Lattice) -> Self {
         facets.retain(|facet| facet.ends[0] != facet.ends[1]);
         let places = facets.iter().enumerate().map(|(k, facet)| {
             let [a, b] = facet.ends;
             GeomWithData::new(Line::new(a.into(), b.into()), k)
         });
-        Self { tree: RTree::bulk_load(places.collect()), facets, resolution }
+        let tree = RTree::bulk_load(places.collect());
+        let nearby = Nearby::over(&lattice.bounds(), lattice.resolution);
+        Self { tree, nearby, facets, resolution: lattice.resolution }
     }
 
     pub fn facets(&self) -> &[Facet] {
         &self.facets
     }
 
+    /// Bytes it holds in memory, about: a facet's own, those of the tree, and those of its places in the lists of tiles
+    /// once all were asked about (measured on Intel's map: a facet is in 26 of them).
+    pub fn held_bytes(&self) -> usize {
+        (250 + 210) * self.facets.len()
+    }
+
     /// The nearest facet, and how far it is; `None` where the map has no surface.
     pub fn nearest(&self, p: Vec2) -> Option<(&Facet, f64)> {
-        let facet = &self.facets[self.tree.nearest_neighbor(p.into())?.data];
-        let [a, b] = facet.ends;
-        Some((facet, distance_to_segment(p, a, b)))
+        let around = self.nearby.around(p, &self.facets, &self.tree);
+        let facet = &self.facets[self.nearest_among(p, around.as_ref())?];
+        Some((facet, facet.apart(p).norm()))
     }
 
     /// The nearest surface point; `None` where the map has no surface.
     pub fn foot(&self, p: Vec2, kind: Kind) -> Option<Foot> {
-        let nearest = self.tree.nearest_neighbor(p.into())?;
-        let own = self.facets[nearest.data].foot(p, kind, self.resolution);
+        let around = self.nearby.around(p, &self.facets, &self.tree);
+        let own = self.facets[self.nearest_among(p, around.as_ref())?].foot(p, kind, self.resolution);
+        let rival = self.rival(p, &own, around.as_ref());
+        Some(rival.map_or(own, |facet| own.least_with(&self.facets[facet].foot(p, kind, self.resolution))))
+    }
+
+    fn nearest_among(&self, p: Vec2, around: Option<&Surroundings<'_>>) -> Option<usize> {
+        match around {
+            Some(around) => around.nearest(p, &self.facets),
+            None => self.tree.nearest_neighbor(p.into()).map(|own| own.data),
+        }
+    }
+
+    /// The nearest facet in another direction than a foot's, of those that may be the nearer ones.
+    fn rival(&self, p: Vec2, own: &Foot, around: Option<&Surroundings<'_>>) -> Option<usize> {
         let reach = own.distance + 3.0 * own.sigma;
-        let rival = self
-            .tree
-            .locate_within_distance(p.into(), reach * reach)
-            .map(|other| self.facets[other.data].foot(p, kind, self.resolution))
-            .filter(|other| other.away.dot(&own.away) < RIVAL)
-            .min_by(|a, b| a.distance.total_cmp(&b.distance));
-        Some(rival.map_or(own, |rival| own.least_with(&rival)))
+        let mut best: Option<(f64, usize)> = None;
+        let consider = |facet: usize| {
+            let apart = self.facets[facet].apart(p);
+            let squared = apart.norm_squared();
+            let nearer = squared <= reach * reach && best.is_none_or(|least| (squared, facet) < least);
+            let elsewhere = || match squared > LEAST_LENGTH * LEAST_LENGTH {
+                // The cosine below RIVAL, without a root for each.
+                true => {
+                    let along = apart.dot(&own.away);
+                    along < 0.0 || along * along < RIVAL * RIVAL * squared
+                }
+                // Where the place lies on the facet, that faces across it.
+                false => self.facets[facet].normal().dot(&own.away) < RIVAL,
+            };
+            if nearer && elsewhere() {
+                best = Some((squared, facet));
+            }
+        };
+        match around.and_then(|around| around.within(reach)) {
+            Some(near) => near.for_each(consider),
+            None => self.tree.locate_within_distance(p.into(), reach * reach).map(|own| own.data).for_each(consider),
+        }
+        best.map(|(_, facet)| facet)
     }
 }
 
@@ -183,45 +198,3 @@ const GRAZING: f64 = -0.05;
 const KINDS: [Kind; 2] = [Kind::Propagated, Kind::Posterior];
 /// Lines may deviate by this share of a cell from how they were traced.
 const TOLERANCE: f64 = 0.004;
-
-impl Facet {
-    pub fn sigma(&self, kind: Kind) -> f64 {
-        self.sigma[usize::from(kind == Kind::Posterior)]
-    }
-
-    /// The unit normal towards free space, of a vector map's facets: a surfel lies along its normal, which points away from who
-    /// saw it, turned by a quarter.
-    fn normal(&self) -> Vec2 {
-        turned((self.ends[1] - self.ends[0]).normalize())
-    }
-
-    fn foot(&self, p: Vec2, kind: Kind, resolution: f64) -> Foot {
-        let [a, b] = self.ends;
-        let share = share_on_segment(p, a, b);
-        let point = a + (b - a) * share;
-        let along = (b - a).normalize();
-        let distance = (p - point).norm();
-        let away = (p - point).try_normalize(1e-9).unwrap_or(turned(along));
-        let across = self.sigma(kind).hypot(STRAY * resolution);
-        let at_end = (share == 0.0 && self.open[0]) || (share == 1.0 && self.open[1]);
-        let tangential = if at_end { END } else { TURN } * resolution;
-        let (n, t) = (turned(along).dot(&away), along.dot(&away));
-        Foot { point, distance, sigma: (n * across).hypot(t * tangential), away }
-    }
-}
-
-impl Foot {
-    /// The least of two uncertain distances, independent ones (Clark 1961). The place stays the nearer one's.
-    fn least_with(&self, other: &Self) -> Self {
-        let spread = self.sigma.hypot(other.sigma);
-        let gap = (other.distance - self.distance) / spread;
-        let density = (-0.5 * gap * gap).exp() / std::f64::consts::TAU.sqrt();
-        let below = normal_cdf(gap);
-        // Moments about the nearer distance, so that nothing large cancels.
-        let farther = other.distance - self.distance;
-        let mean = farther * (1.0 - below) - spread * density;
-        let second = self.sigma.powi(2) * below + (farther.powi(2) + other.sigma.powi(2)) * (1.0 - below)
-            - farther * spread * density;
-        Self { sigma: (second - mean * mean).sqrt(), ..*self }
-    }
-}
