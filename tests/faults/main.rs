@@ -1,9 +1,12 @@
 //! Writes that go wrong at named points, and the books afterwards: whatever is lost, committed unseen or late, every accepted
 //! job ends once, with one map, and nothing lies about that no row names.
 
+mod endings;
 mod faulty;
 mod ports;
 mod solver;
+#[path = "../support/postgres.rs"]
+mod postgres_server;
 #[path = "../support/mod.rs"]
 mod support;
 
@@ -14,7 +17,7 @@ use std::time::{Duration, Instant};
 
 use faulty::{Fault, Faulty};
 use mapfit::jobs::{JobStatus, Limits, Progress};
-use mapfit::store::{Artifacts, JobBoard, Listing, MapShelf, NewJob, SqliteStore, Submission};
+use mapfit::store::{Artifacts, JobBoard, Listing, MapShelf, NewJob, PostgresStore, Records, SqliteStore, Submission};
 use mapfit::traces::Traces;
 use mapfit::worker::{Rules, Solvers, Workshop};
 use support::small;
@@ -47,6 +50,23 @@ fn listing() -> Listing {
     Listing { tenant: TENANT.into(), limit: 100, ..Listing::default() }
 }
 
+/// The kinds of stores.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Sqlite,
+    Postgres,
+}
+
+impl Kind {
+    /// An empty one.
+    async fn open(self, data: &Path) -> Arc<dyn Records> {
+        match self {
+            Self::Sqlite => Arc::new(SqliteStore::open(&data.join("mapfit.sqlite")).await.unwrap()),
+            Self::Postgres => Arc::new(PostgresStore::open(&postgres_server::database().await, 8).await.unwrap()),
+        }
+    }
+}
+
 /// Submits until the store says that it has the job, as a client with an idempotency key does.
 async fn submitted(store: &Faulty, seed: u64) -> String {
     for _ in 0..10 {
@@ -66,10 +86,9 @@ fn files_under(folder: &Path) -> usize {
 }
 
 /// Runs a few jobs while two writes go wrong at a point, and checks the books.
-async fn books_balance_after(point: &'static str, fault: Fault) {
+async fn books_balance_after(kind: Kind, point: &'static str, fault: Fault) {
     let data = tempfile::tempdir().unwrap();
-    let sqlite = SqliteStore::open(&data.path().join("mapfit.sqlite")).await.unwrap();
-    let store = Arc::new(Faulty::new(Arc::new(sqlite)));
+    let store = Arc::new(Faulty::new(kind.open(data.path()).await));
     let artifacts = Artifacts::in_folder(&data.path().join("artifacts")).unwrap();
     let rules = Rules { lease: LEASE, sweep_every: Duration::from_millis(500), ..Rules::default() };
     let workshop = Workshop::new(store.clone(), artifacts, Limits::default(), rules, Traces::default()).unwrap();
@@ -90,39 +109,42 @@ async fn books_balance_after(point: &'static str, fault: Fault) {
             match job.status {
                 JobStatus::Successful => break,
                 JobStatus::Accepted | JobStatus::Running => {}
-                ended => panic!("{point} {fault:?}: {ended:?} {:?}", job.problem),
+                ended => panic!("{kind:?} {point} {fault:?}: {ended:?} {:?}", job.problem),
             }
-            assert!(begun.elapsed() < Duration::from_secs(60), "{point} {fault:?}: {job:?}");
+            assert!(begun.elapsed() < Duration::from_secs(60), "{kind:?} {point} {fault:?}: {job:?}");
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
     }
     while store.left(point) > 0 {
-        assert!(begun.elapsed() < Duration::from_secs(60), "{point}: not every fault came");
+        assert!(begun.elapsed() < Duration::from_secs(60), "{kind:?} {point}: not every fault came");
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
-    assert_eq!(store.jobs(&listing()).await.unwrap().len(), accepted.len(), "{point} {fault:?}: jobs are doubled");
+    assert_eq!(store.jobs(&listing()).await.unwrap().len(), accepted.len(), "{kind:?} {point} {fault:?}: jobs are doubled");
     let maps = store.maps(&listing()).await.unwrap();
     let mut of_jobs: Vec<&str> = maps.iter().map(|map| map.job_id.as_str()).collect();
     of_jobs.sort_unstable();
     of_jobs.dedup();
-    assert_eq!((maps.len(), of_jobs.len()), (accepted.len(), accepted.len()), "{point} {fault:?}: a map a job");
+    assert_eq!((maps.len(), of_jobs.len()), (accepted.len(), accepted.len()), "{kind:?} {point} {fault:?}: a map a job");
     tokio::task::spawn_blocking(move || solvers.drain(Duration::from_secs(5))).await.unwrap();
     for map in &maps {
         let bytes = workshop.artifacts.get(&map.prefix, mapfit::store::MAP_FILE, map.sha256.as_deref()).await;
-        assert!(bytes.is_ok_and(|bytes| bytes.len() as i64 == map.bytes), "{point} {fault:?}: an artifact is missing");
+        assert!(bytes.is_ok_and(|bytes| bytes.len() as i64 == map.bytes), "{kind:?} {point} {fault:?}: an artifact is missing");
     }
     // Attempts that were lost are swept once they are old enough; none lies about twice.
     let files = files_under(&data.path().join("artifacts").join("attempts"));
-    assert!(files >= maps.len() && files <= maps.len() + 4, "{point} {fault:?}: {files} files for {} maps", maps.len());
+    assert!(files >= maps.len() && files <= maps.len() + 4, "{kind:?} {point} {fault:?}: {files} files for {} maps", maps.len());
 }
 
-/// Each point with each fault, two scenes at a time.
+/// Each point with each fault, on both kinds of stores at a time.
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn whatever_write_goes_wrong_the_books_balance() {
     for point in ["submit", "claim", "heartbeat", "succeed", "retry", "reap"] {
         for fault in Fault::all(LATE) {
             println!("{point} {fault:?}");
-            books_balance_after(point, fault).await;
+            tokio::join!(
+                books_balance_after(Kind::Sqlite, point, fault),
+                books_balance_after(Kind::Postgres, point, fault)
+            );
         }
     }
 }

@@ -23,7 +23,7 @@ impl JobBoard for Faulty {
         self.inner.request(tenant, id).await
     }
     async fn cancel(&self, tenant: &str, id: &str) -> Result<Cancellation, StoreError> {
-        self.inner.cancel(tenant, id).await
+        self.at("cancel", self.inner.cancel(tenant, id)).await
     }
     async fn relabel_job(&self, tenant: &str, id: &str, change: &Relabelling) -> Result<Option<Job>, StoreError> {
         self.inner.relabel_job(tenant, id, change).await
