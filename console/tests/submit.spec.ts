@@ -1,9 +1,20 @@
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { gzipSync } from "node:zlib";
+import type { Page } from "@playwright/test";
 import { ask } from "./api";
 import { drop, expect, open, recording, service, test } from "./fixtures";
 import { carmen, room } from "./room";
+
+/** How many pixels of the preview have ink, within the lattice's frame. */
+const inked = (page: Page) =>
+  page.locator(".preview canvas").evaluateAll((canvases) =>
+    (canvases as HTMLCanvasElement[]).reduce((sum, canvas) => {
+      const [width, height] = [0.4 * canvas.width, 0.7 * canvas.height];
+      const { data } = canvas.getContext("2d")!.getImageData(0.3 * canvas.width, 0.15 * canvas.height, width, height);
+      return sum + data.filter((value, at) => at % 4 === 3 && value > 0).length;
+    }, 0),
+  );
 
 /** The jobs there are. */
 const count = async () => (await ask<{ items: object[] }>(service(), "GET", "/v1/jobs?limit=1000")).items.length;
@@ -45,9 +56,10 @@ test("an MCAP recording is tried out, sent as it is, and becomes a map", async (
   await drop(page, "drive.mcap", recording("drive-zstd.mcap"));
   await expect(page.getByText("drive.mcap: 2 scans, 362 returns")).toBeVisible();
   await expect(page.locator(".forecast")).toContainText("476 control points");
-  // Its scans are the service's to read; where they are going to lie is drawn.
+  // Its scans are the service's to read; what it has read is drawn, in its lattice.
   await expect(page.getByRole("application", { name: /lattice to be laid/ })).toBeVisible();
-  await expect(page.getByText("Its returns are drawn on its map.")).toBeVisible();
+  await expect(page.getByText("the points are what it read there")).toBeVisible();
+  await expect.poll(() => inked(page)).toBeGreaterThan(100);
   await page.getByLabel("Every so many scans").fill("2");
   await expect(page.getByText("drive.mcap: 1 scan, 181 returns")).toBeVisible();
   await page.getByLabel("Every so many scans").fill("1");

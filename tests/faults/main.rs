@@ -4,9 +4,9 @@
 mod endings;
 mod faulty;
 mod ports;
-mod solver;
 #[path = "../support/postgres.rs"]
 mod postgres_server;
+mod solver;
 #[path = "../support/mod.rs"]
 mod support;
 
@@ -119,20 +119,35 @@ async fn books_balance_after(kind: Kind, point: &'static str, fault: Fault) {
         assert!(begun.elapsed() < Duration::from_secs(60), "{kind:?} {point}: not every fault came");
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
-    assert_eq!(store.jobs(&listing()).await.unwrap().len(), accepted.len(), "{kind:?} {point} {fault:?}: jobs are doubled");
+    assert_eq!(
+        store.jobs(&listing()).await.unwrap().len(),
+        accepted.len(),
+        "{kind:?} {point} {fault:?}: jobs are doubled"
+    );
     let maps = store.maps(&listing()).await.unwrap();
     let mut of_jobs: Vec<&str> = maps.iter().map(|map| map.job_id.as_str()).collect();
     of_jobs.sort_unstable();
     of_jobs.dedup();
-    assert_eq!((maps.len(), of_jobs.len()), (accepted.len(), accepted.len()), "{kind:?} {point} {fault:?}: a map a job");
+    assert_eq!(
+        (maps.len(), of_jobs.len()),
+        (accepted.len(), accepted.len()),
+        "{kind:?} {point} {fault:?}: a map a job"
+    );
     tokio::task::spawn_blocking(move || solvers.drain(Duration::from_secs(5))).await.unwrap();
     for map in &maps {
         let bytes = workshop.artifacts.get(&map.prefix, mapfit::store::MAP_FILE, map.sha256.as_deref()).await;
-        assert!(bytes.is_ok_and(|bytes| bytes.len() as i64 == map.bytes), "{kind:?} {point} {fault:?}: an artifact is missing");
+        assert!(
+            bytes.is_ok_and(|bytes| bytes.len() as i64 == map.bytes),
+            "{kind:?} {point} {fault:?}: an artifact is missing"
+        );
     }
     // Attempts that were lost are swept once they are old enough; none lies about twice.
     let files = files_under(&data.path().join("artifacts").join("attempts"));
-    assert!(files >= maps.len() && files <= maps.len() + 4, "{kind:?} {point} {fault:?}: {files} files for {} maps", maps.len());
+    assert!(
+        files >= maps.len() && files <= maps.len() + 4,
+        "{kind:?} {point} {fault:?}: {files} files for {} maps",
+        maps.len()
+    );
 }
 
 /// Each point with each fault, on both kinds of stores at a time.

@@ -140,6 +140,9 @@ assert [s["pose"]["x"] for s in request["scans"]] == [few[k].pose[0] for k in (1
 assert (request["name"], request["labels"]) == ("part", {"site": "hq"}) and "every" not in request
 dry = post(recording(few), query="?dry_run=true").json()
 assert dry["scans"] == 16 and dry["estimate"]["bytes"] > 0
+# What only the service reads is shown: where the scans lie.
+assert np.abs(np.array(dry["preview"]["poses"]) - [scan.pose[:2] for scan in few]).max() <= 6e-4
+assert len(dry["preview"]["returns"]) == min(dry["returns"], 20_000)
 keyed = {"idempotency-key": "drive-1"}
 first = post(recording(few), headers=keyed)
 again = post(recording(few), headers=keyed)

@@ -125,6 +125,8 @@ export interface Estimate {
   scans?: number;
   returns: number;
   estimate: { seconds: number; bytes: number };
+  /** Of a recording, whose scans the service reads. */
+  preview?: { returns: Point[]; poses: Point[] };
 }
 
 export interface Place {

@@ -19,8 +19,8 @@ import { Preview } from "./preview";
 import { Reader, type Summary } from "./reader";
 import { jobShipment, recordingShipment } from "./send";
 
-const UNREAD =
-  "The dashed line is the lattice that the service would lay over the recording. Its returns are drawn on its map.";
+const READ_THERE =
+  "The dashed line is the lattice that the service would lay over the recording, the points are what it read there.";
 
 export function submitPage(): Page {
   const over = new AbortController();
@@ -98,8 +98,9 @@ class SubmitPage {
         this.preview.showLattice(lattice);
         if (lattice) this.stage.classList.remove("alone");
       },
-      estimate: ({ scans = 0, returns }) => {
+      estimate: ({ scans = 0, returns, preview }) => {
         if (recording) write(what, `${file.name}: ${counted(scans, "scan")}, ${counted(returns, "return")}`);
+        if (preview) this.preview.showRead(preview);
       },
     });
     const changed = async (selection: boolean) => {
@@ -140,7 +141,7 @@ class SubmitPage {
     this.stage.replaceChildren(controls, this.preview.element);
     // Beside a recording there is nothing to see until the service has said what its lattice will be.
     this.stage.classList.toggle("alone", recording);
-    this.preview.clear(summary, recording ? UNREAD : null);
+    this.preview.clear(summary, recording ? READ_THERE : null);
     if (!recording) this.preview.show(summary, true);
     forecast.ask(summary, form.settings());
     form.element.querySelector("input")?.focus();

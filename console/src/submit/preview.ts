@@ -1,5 +1,5 @@
-// The scans before they are sent: their returns, the poses, and the lattice that is going to be laid over them. Of a recording,
-// which the service reads, the lattice alone.
+// The scans before they are sent: their returns, the poses, and the lattice that is going to be laid over them. A recording is
+// read by the service, which says where these lie.
 
 import { containsExtent } from "ol/extent";
 import { make } from "../kit/element";
@@ -10,16 +10,16 @@ import { inks } from "../map/palette";
 import { Picture, type Pen } from "../map/picture";
 import { ScaleBar, zoomButtons } from "../map/scalebar";
 import { extentOf } from "../map/space";
-import type { Lattice } from "../service/types";
+import type { Estimate, Lattice, Point } from "../service/types";
 import type { Summary } from "./reader";
 
 export class Preview {
   readonly element = make("div", { class: "preview" });
-  /** Instead of the scans, where they are not read here. */
+  /** Beside the scans, where they are not read here. */
   private unread: string | null = null;
   private extent: number[] = [];
   private canvas: Canvas | null = null;
-  private summary: Summary | null = null;
+  private poses: Point[] = [];
   private lattice: Lattice | null = null;
   private readonly returns = new ReturnsOverlay(() => inks(theme()));
   private readonly frame = new Picture((pen) => this.draw(pen), 2);
@@ -29,11 +29,11 @@ export class Preview {
     signal.addEventListener("abort", () => this.canvas?.dispose());
   }
 
-  /** Nothing yet: of another file, whose scans are shown next, or which the service reads, as a sentence says. */
+  /** Nothing yet: of another file, whose scans are shown next, or when the service has read them, as a sentence says. */
   clear(summary: Summary, unread: string | null): void {
     this.canvas?.dispose();
     this.canvas = null;
-    this.summary = summary;
+    this.poses = summary.poses.map(({ x, y }) => [x, y]);
     this.unread = unread;
     this.lattice = null;
     this.returns.set(summary.returns);
@@ -42,9 +42,18 @@ export class Preview {
 
   /** Shows scans; fitted anew for another file, left as it is for another selection of the same. */
   show(summary: Summary, fit: boolean): void {
-    this.summary = summary;
+    this.poses = summary.poses.map(({ x, y }) => [x, y]);
     this.returns.set(summary.returns);
     if (fit || !this.canvas) this.open(summary.box ?? []);
+    this.renew();
+  }
+
+  /** Shows what the service has read of a recording. */
+  showRead({ returns, poses }: NonNullable<Estimate["preview"]>): void {
+    const [origin = [0, 0]] = returns;
+    const points = Float32Array.from(returns.flatMap(([x, y]) => [x - origin[0], y - origin[1]]));
+    this.returns.set({ origin, points });
+    this.poses = poses;
     this.renew();
   }
 
@@ -62,10 +71,11 @@ export class Preview {
     const bar = new ScaleBar();
     const margin = 0.06 * Math.max(x1 - x0, y1 - y0, 1);
     this.extent = [x0 - margin, y0 - margin, x1 + margin, y1 + margin];
-    const canvas = new Canvas(this.extent, this.unread ? "The lattice to be laid" : "The returns to be sent", {
-      pointed: (point) => bar.point(point),
-      moved: (resolution) => bar.show(resolution),
-    });
+    const canvas = new Canvas(
+      this.extent,
+      this.unread ? "The lattice to be laid, and the returns" : "The returns to be sent",
+      { pointed: (point) => bar.point(point), moved: (resolution) => bar.show(resolution) },
+    );
     canvas.add(this.returns.picture.layer, this.frame.layer);
     canvas.element.append(zoomButtons(canvas), bar.element);
     this.element.replaceChildren(canvas.element, ...(this.unread ? [make("p", { class: "note" }, this.unread)] : []));
@@ -85,8 +95,8 @@ export class Preview {
   private draw({ context, density, scale, pixel }: Pen): void {
     const { poses: ink, contour } = inks(theme());
     context.fillStyle = ink;
-    for (const pose of this.summary?.poses ?? []) {
-      const [x, y] = pixel([pose.x, pose.y]);
+    for (const pose of this.poses) {
+      const [x, y] = pixel(pose);
       context.fillRect(x - density, y - density, 2 * density, 2 * density);
     }
     if (!this.lattice) return;

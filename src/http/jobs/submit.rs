@@ -70,7 +70,8 @@ pub async fn submit_job(
     if dry_run {
         let try_out = move |leash: &Leash| {
             let request = JobRequest::parse(&reading.document(received, leash)?.json, &reading.limits)?;
-            DryRun::of(&request, &|| leash.holds()).ok_or_else(too_slow)
+            let run = DryRun::of(&request, &|| leash.holds()).ok_or_else(too_slow)?;
+            Ok(if reading.boundary.is_some() { run.showing(&request) } else { run })
         };
         return Ok(Json(state.compute.run(Queue::Answers, try_out).await?).into_response());
     }

@@ -1,6 +1,6 @@
 """What goes wrong, each with the RFC 9457 problem that says why."""
 
-from .records import JobRecord, Problem
+from .records import JobRecord, Problem, problem_of
 
 
 class MapfitError(Exception):
@@ -24,7 +24,7 @@ class JobFailed(MapfitError):
 
     def __init__(self, job: JobRecord) -> None:
         self.job = job
-        super().__init__(job["problem"] or _without_problem(job))
+        super().__init__(problem_of(job) or _without_problem(job))
 
 
 def said(problem: Problem) -> str:

@@ -1,6 +1,6 @@
 """What is known of a submitted job, however it is followed."""
 
-from .records import ENDED, JobRecord, JobStatus, Problem
+from .records import ENDED, JobRecord, JobStatus, Problem, problem_of
 
 
 class SubmittedJob:
@@ -46,4 +46,4 @@ class SubmittedJob:
     @property
     def problem(self) -> Problem | None:
         """Why it failed, once failed."""
-        return self.record["problem"]
+        return problem_of(self.record)
