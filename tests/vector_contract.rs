@@ -64,6 +64,12 @@ fn a_vector_map_answers_like_a_signed_one_and_says_more() {
             }
         }
     }
+    // Farther than any place is from a wall, and as far as some are.
+    let band = |level: f64| {
+        let contours = server.get(&format!("{own}/contours?level={level}&sigma_band=2")).json();
+        contours["features"][1]["geometry"]["coordinates"].as_array().unwrap().len()
+    };
+    assert!(band(100.0) == 0 && band(0.5) > 0);
     let grid = server.get(&format!("{own}/ogm")).json();
     let cell = |x: f64, y: f64| {
         let at = |v: f64| ((v + 0.6) / 0.2) as usize;

@@ -75,7 +75,12 @@ fn band(map: &FittedMap, level: f64, k: f64, kind: Kind) -> Result<MultiPolygon<
         _ => FAR,
     };
     let bands = samples.tracer().isobands(&samples.collect(ratio), &[-k, k])?;
-    let polygons = bands.iter().flat_map(|band| &band.geometry().0).map(|polygon| {
+    // Where nobody looked there is no ratio, and from a far one on the level's other side to none there seems to lie a
+    // band. Somewhere on its edge a band has the ratio that it is made of, as finely as it was sampled.
+    let is_there = |polygon: &&Polygon<f64>| {
+        polygon.exterior().0.iter().any(|&p| ratio(samples.to_world(p)).abs() < FAR.min(10.0 * k.max(1.0)))
+    };
+    let polygons = bands.iter().flat_map(|band| &band.geometry().0).filter(is_there).map(|polygon| {
         let ring = |ring: &LineString<f64>, outer: bool| {
             let points = ring.0.iter().map(|&p| samples.to_world(p)).map(|p| Coord { x: p.x, y: p.y }).collect();
             oriented(LineString(points), outer)
