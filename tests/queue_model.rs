@@ -92,16 +92,33 @@ fn a_fleets_day_is_what_was_asked_for_and_the_same_every_time() {
 struct Seen {
     tenant: u32,
     priority: i32,
+    /// Of those that take long.
+    long: bool,
     created: f64,
     started: f64,
     finished: f64,
+}
+
+impl Seen {
+    fn waited(&self) -> f64 {
+        self.started - self.created
+    }
+
+    fn took(&self) -> f64 {
+        self.finished - self.started
+    }
+
+    /// It as the simulation has it, had it taken so many seconds.
+    fn arrival(&self, service: f64) -> Arrival {
+        Arrival { at: self.created, tenant: self.tenant, priority: self.priority, service }
+    }
 }
 
 const TENANTS: usize = 4;
 const WORKERS: usize = 2;
 
 /// A stream of jobs through the service: a burst of one tenant's, then others at times that know nothing of each other.
-fn stream() -> Vec<Seen> {
+fn stream(seed: u64) -> Vec<Seen> {
     let folder = tempfile::tempdir().unwrap();
     let keys: Vec<String> = (0..TENANTS)
         .map(|tenant| {
@@ -133,11 +150,12 @@ fn stream() -> Vec<Seen> {
         job[member].as_str().unwrap().parse::<jiff::Timestamp>().unwrap().as_millisecond() as f64 / 1000.0
     };
     // How long jobs take on this machine, now, both workers at it.
-    let kinds = |k: usize| if k.is_multiple_of(3) { experiment_one(k as u64) } else { small(k as u64) };
+    let is_long = |k: usize| k.is_multiple_of(3);
+    let kinds = |k: usize| if is_long(k) { experiment_one(k as u64) } else { small(k as u64) };
     let first: Vec<_> = (0..12).map(|k| send(0, &kinds(k))).collect();
     let took: Vec<f64> = first.iter().map(ended).map(|job| at(&job, "finished") - at(&job, "started")).collect();
     let pause = mean(&took) / WORKERS as f64 / 0.8;
-    let mut draw = ChaCha8Rng::seed_from_u64(11);
+    let mut draw = ChaCha8Rng::seed_from_u64(seed);
     let (began, mut due, mut sent) = (Instant::now(), 0.0, Vec::new());
     for k in 0..160 {
         let mut job = kinds(k);
@@ -149,12 +167,13 @@ fn stream() -> Vec<Seen> {
     }
     let mut seen: Vec<Seen> = sent
         .iter()
-        .map(|one| {
+        .enumerate()
+        .map(|(k, one)| {
             let job = ended(one);
             assert_eq!(job["attempt"], 1);
             let priority = job["priority"].as_i64().unwrap() as i32;
             let [created, started, finished] = ["created", "started", "finished"].map(|member| at(&job, member));
-            Seen { tenant: one.0 as u32, priority, created, started, finished }
+            Seen { tenant: one.0 as u32, priority, long: is_long(k), created, started, finished }
         })
         .collect();
     seen.sort_by(|a, b| a.created.total_cmp(&b.created));
@@ -195,17 +214,11 @@ fn crew_of(seen: &[Seen]) -> Crew {
 /// The bar: 15 %, with what jobs took and what lies between them taken from the same run.
 #[test]
 fn the_simulation_waits_as_long_as_the_service_does() {
-    let seen = stream();
-    let arrival = |job: &Seen| Arrival {
-        at: job.created,
-        tenant: job.tenant,
-        priority: job.priority,
-        service: job.finished - job.started,
-    };
-    let arrivals: Vec<Arrival> = seen.iter().map(arrival).collect();
+    let seen = stream(11);
+    let arrivals: Vec<Arrival> = seen.iter().map(|job| job.arrival(job.took())).collect();
     let crew = crew_of(&seen);
     let simulated = waits(&arrivals, crew);
-    let measured: Vec<f64> = seen.iter().map(|job| job.started - job.created).collect();
+    let measured: Vec<f64> = seen.iter().map(Seen::waited).collect();
     let of = |values: &[f64], keep: &dyn Fn(&Seen) -> bool| -> Vec<f64> {
         seen.iter().zip(values).filter(|(job, _)| keep(job)).map(|(_, value)| *value).collect()
     };
@@ -227,4 +240,35 @@ fn the_simulation_waits_as_long_as_the_service_does() {
     let plain = mean(&of(&waits(&plain, crew), &urgent));
     let measured = mean(&of(&measured, &urgent));
     assert!(plain > 1.3 * measured, "first come, first served would be {plain:.3} s, not {measured:.3} s");
+}
+
+/// And what it has not seen: how long jobs of either kind take, and what lies between them, is taken from one run, and the
+/// waiting of another, with other arrivals, is foretold. Every night: a machine that others use is not the same for two
+/// minutes.
+#[test]
+#[ignore = "nightly: two runs of a minute on a quiet machine"]
+fn the_simulation_foretells_another_run() {
+    let known = stream(12);
+    let took = |long: bool| known.iter().filter(|job| job.long == long).map(Seen::took).collect::<Vec<_>>();
+    let services = [took(false), took(true)];
+    let crew = crew_of(&known);
+    let seen = stream(13);
+    // In their order, as often as needed.
+    let mut next = [0, 0];
+    let arrivals: Vec<Arrival> = seen
+        .iter()
+        .map(|job| {
+            let own = &services[usize::from(job.long)];
+            let service = own[next[usize::from(job.long)] % own.len()];
+            next[usize::from(job.long)] += 1;
+            job.arrival(service)
+        })
+        .collect();
+    let measured: Vec<f64> = seen.iter().map(Seen::waited).collect();
+    let foretold = waits(&arrivals, crew);
+    for (what, value) in [("mean", mean as fn(&[f64]) -> f64), ("95 %", |values| quantile(values, 0.95))] {
+        let (measured, foretold) = (value(&measured), value(&foretold));
+        println!("{what}: measured {measured:.3} s, foretold {foretold:.3} s");
+        assert!((foretold - measured).abs() <= 0.15 * measured + 0.01, "{what}");
+    }
 }

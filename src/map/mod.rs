@@ -148,7 +148,7 @@ impl Frame {
 }
 
 /// A finished map.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct FittedMap {
     pub field: Field,
     pub evidence: Evidence,

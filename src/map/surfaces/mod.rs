@@ -30,7 +30,7 @@ use rstar::{AABB, RTree};
 use self::facet::LEAST_LENGTH;
 pub(crate) use self::facet::STRAY;
 pub use self::facet::{Facet, Foot};
-use self::nearby::{Nearby, Surroundings};
+use self::nearby::{Nearby, Surroundings, nearest_of_all, within_of_all};
 use super::Field;
 use crate::fit::Surfels;
 use crate::geometry::{Vec2, distance_to_segment, nearest_on_segment};
@@ -40,7 +40,7 @@ use crate::uncertainty::Kind;
 /// Surfaces whose directions have a cosine below this are different ones.
 const RIVAL: f64 = 0.5;
 /// A map's facets and an index over them; see the module.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Surfaces {
     facets: Vec<Facet>,
     tree: nearby::Tree,
@@ -96,10 +96,9 @@ impl Surfaces {
         &self.facets
     }
 
-    /// Bytes it holds in memory, about: a facet's own, those of the tree, and those of its places in the lists of tiles
-    /// once all were asked about (measured on Intel's map: a facet is in 26 of them).
+    /// Bytes it holds in memory, about, once everything was asked about.
     pub fn held_bytes(&self) -> usize {
-        (250 + 210) * self.facets.len()
+        250 * self.facets.len() + Nearby::most_bytes(self.facets.len())
     }
 
     /// The nearest facet, and how far it is; `None` where the map has no surface.
@@ -120,7 +119,7 @@ impl Surfaces {
     fn nearest_among(&self, p: Vec2, around: Option<&Surroundings<'_>>) -> Option<usize> {
         match around {
             Some(around) => around.nearest(p, &self.facets),
-            None => self.tree.nearest_neighbor(p.into()).map(|own| own.data),
+            None => nearest_of_all(p, &self.facets, &self.tree),
         }
     }
 
@@ -147,7 +146,7 @@ impl Surfaces {
         };
         match around.and_then(|around| around.within(reach)) {
             Some(near) => near.for_each(consider),
-            None => self.tree.locate_within_distance(p.into(), reach * reach).map(|own| own.data).for_each(consider),
+            None => within_of_all(p, reach, &self.tree).for_each(consider),
         }
         best.map(|(_, facet)| facet)
     }
