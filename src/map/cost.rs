@@ -52,6 +52,10 @@ const BYTES_UNUSED: f64 = 2_000.0;
 /// fronts that they are formed in.
 const BYTES_A_POSE_ENTRY: f64 = 48.0;
 
+/// Seconds for each of them, for scans that see one another's places: of Intel's 910, 20 of its 33 (from
+/// `scripts/nightly/estimates.py`).
+const SECONDS_A_POSE_ENTRY: f64 = 2.5e-5;
+
 /// What a map of this footprint costs.
 pub fn cost(distance: Distance, footprint: &Footprint) -> Cost {
     let rates = if distance == Distance::Vector { &VECTOR } else { &SIGNED };
@@ -59,7 +63,11 @@ pub fn cost(distance: Distance, footprint: &Footprint) -> Cost {
     let unused = footprint.lattice.saturating_sub(footprint.control_points) as f64;
     let doublings = (n / SMALL).max(1.0).log2();
     Cost {
-        seconds: rates.linear * n + rates.steep * n.powf(1.5) + rates.a_return * returns + SECONDS_UNUSED * unused,
+        seconds: rates.linear * n
+            + rates.steep * n.powf(1.5)
+            + rates.a_return * returns
+            + SECONDS_UNUSED * unused
+            + footprint.pose_entries as f64 * SECONDS_A_POSE_ENTRY,
         bytes: BASE
             + n * (rates.bytes + rates.bytes_a_doubling * doublings)
             + returns * rates.bytes_a_return
