@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use mapfit::fit::FitError;
 use mapfit::jobs::{Job, JobRequest, JobStatus, Limits};
@@ -14,7 +14,7 @@ use mapfit::traces::Traces;
 use mapfit::worker::{Follower, Rules, Solver, Solvers, Workshop, fit_request};
 
 use crate::faulty::{Fault, Faulty};
-use crate::{Kind, LATE, LEASE, TENANT, listing, submitted};
+use crate::{Kind, LATE, LEASE, TENANT, listing, submitted, until};
 
 /// What the solver makes of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,15 +72,7 @@ impl Scene {
     }
 
     async fn until(&self, id: &str, holds: impl Fn(&Job) -> bool) -> Job {
-        let begun = Instant::now();
-        loop {
-            let job = self.store.job(TENANT, id).await.unwrap().unwrap();
-            if holds(&job) {
-                return job;
-            }
-            assert!(begun.elapsed() < Duration::from_secs(60), "{job:?}");
-            tokio::time::sleep(Duration::from_millis(30)).await;
-        }
+        until(&*self.store, id, holds).await
     }
 
     async fn close(&self, solvers: Solvers) {

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use faulty::{Fault, Faulty};
-use mapfit::jobs::{JobStatus, Limits, Progress};
+use mapfit::jobs::{Job, JobStatus, Limits, Progress};
 use mapfit::store::{Artifacts, JobBoard, Listing, MapShelf, NewJob, PostgresStore, Records, SqliteStore, Submission};
 use mapfit::traces::Traces;
 use mapfit::worker::{Rules, Solvers, Workshop};
@@ -64,6 +64,19 @@ impl Kind {
             Self::Sqlite => Arc::new(SqliteStore::open(&data.join("mapfit.sqlite")).await.unwrap()),
             Self::Postgres => Arc::new(PostgresStore::open(&postgres_server::database().await, 8).await.unwrap()),
         }
+    }
+}
+
+/// Waits until a job is as is asked.
+async fn until(store: &dyn JobBoard, id: &str, holds: impl Fn(&Job) -> bool) -> Job {
+    let begun = Instant::now();
+    loop {
+        let job = store.job(TENANT, id).await.unwrap().unwrap();
+        if holds(&job) {
+            return job;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(60), "{job:?}");
+        tokio::time::sleep(Duration::from_millis(30)).await;
     }
 }
 

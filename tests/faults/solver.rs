@@ -12,7 +12,7 @@ use mapfit::store::{Artifacts, JobBoard, SqliteStore, Submission};
 use mapfit::traces::Traces;
 use mapfit::worker::{Follower, Rules, Solver, Solvers, Workshop, fit_request};
 
-use crate::{TENANT, job};
+use crate::{TENANT, job, until};
 
 /// What a solver does with the jobs of this seed; it fits all others.
 const BAD: u64 = 7;
@@ -104,15 +104,7 @@ impl Scene {
     }
 
     async fn until(&self, id: &str, holds: impl Fn(&Job) -> bool) -> Job {
-        let begun = Instant::now();
-        loop {
-            let job = self.store.job(TENANT, id).await.unwrap().unwrap();
-            if holds(&job) {
-                return job;
-            }
-            assert!(begun.elapsed() < Duration::from_secs(60), "{job:?}");
-            tokio::time::sleep(Duration::from_millis(30)).await;
-        }
+        until(&*self.store, id, holds).await
     }
 
     /// Its one thread ends in time, whatever a fit does.

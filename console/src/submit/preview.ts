@@ -33,19 +33,22 @@ export class Preview {
   clear(summary: Summary, unread: string | null): void {
     this.canvas?.dispose();
     this.canvas = null;
-    this.poses = summary.poses.map(({ x, y }) => [x, y]);
+    this.hold(summary);
     this.unread = unread;
     this.lattice = null;
-    this.returns.set(summary.returns);
     this.element.replaceChildren();
   }
 
   /** Shows scans; fitted anew for another file, left as it is for another selection of the same. */
   show(summary: Summary, fit: boolean): void {
-    this.poses = summary.poses.map(({ x, y }) => [x, y]);
-    this.returns.set(summary.returns);
+    this.hold(summary);
     if (fit || !this.canvas) this.open(summary.box ?? []);
     this.renew();
+  }
+
+  private hold({ poses, returns }: Summary): void {
+    this.poses = poses.map(({ x, y }) => [x, y]);
+    this.returns.set(returns);
   }
 
   /** Shows what the service has read of a recording. */

@@ -36,17 +36,19 @@ struct Preview {
 
 impl Preview {
     fn of(request: &JobRequest) -> Self {
-        let returns: Vec<Vec2> = returns_of(&request.scans).iter().map(|seen| seen.point).collect();
-        let poses: Vec<Vec2> = request.scans.iter().map(|scan| scan.pose.position()).collect();
-        Self { returns: thinned(&returns), poses: thinned(&poses) }
+        let returns = returns_of(&request.scans);
+        Self {
+            returns: thinned(returns.iter().map(|seen| seen.point)),
+            poses: thinned(request.scans.iter().map(|scan| scan.pose.position())),
+        }
     }
 }
 
 /// Every so many of the points, so that few enough are left.
-fn thinned(points: &[Vec2]) -> Vec<[f64; 2]> {
+fn thinned(points: impl ExactSizeIterator<Item = Vec2>) -> Vec<[f64; 2]> {
     let millimetres = |value: f64| (1000.0 * value).round() / 1000.0;
     let every = points.len().div_ceil(MOST_SHOWN).max(1);
-    points.iter().step_by(every).map(|p| [millimetres(p.x), millimetres(p.y)]).collect()
+    points.step_by(every).map(|p| [millimetres(p.x), millimetres(p.y)]).collect()
 }
 
 /// On a machine like the one this version was measured on.

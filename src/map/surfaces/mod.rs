@@ -98,7 +98,7 @@ impl Surfaces {
 
     /// Bytes it holds in memory, about, once everything was asked about.
     pub fn held_bytes(&self) -> usize {
-        250 * self.facets.len() + Nearby::most_bytes(self.facets.len())
+        250 * self.facets.len() + self.nearby.most_bytes(self.facets.len())
     }
 
     /// The nearest facet, and how far it is; `None` where the map has no surface.

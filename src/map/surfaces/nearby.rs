@@ -83,9 +83,9 @@ impl Nearby {
         Self { origin: bounds.min.into(), side, slack: SLACK * resolution, size, tiles, listed: AtomicUsize::new(0) }
     }
 
-    /// Bytes of all lists at the most, of so many facets.
-    pub fn most_bytes(facets: usize) -> usize {
-        MOST_LISTED * facets * size_of::<Listed>()
+    /// Bytes at the most, of so many facets: the tiles, and all of their lists.
+    pub fn most_bytes(&self, facets: usize) -> usize {
+        size_of_val(&*self.tiles) + MOST_LISTED * facets * size_of::<Listed>()
     }
 
     /// What is near a point; `None` outside the bounds, and where there are lists enough.
