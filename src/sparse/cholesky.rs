@@ -13,7 +13,6 @@
 use std::sync::Arc;
 
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::{LltRegularization, cholesky_in_place, cholesky_in_place_scratch};
 use faer::perm::PermRef;
 use faer::reborrow::ReborrowMut;
 use faer::sparse::linalg::SupernodalThreshold;
@@ -24,7 +23,7 @@ use faer::sparse::linalg::cholesky::{
 };
 use faer::{Conj, MatMut, Par, Side};
 
-use super::dense::{accumulate_lower, solve_lower};
+use super::dense::{accumulate_lower, factorise};
 use super::error::{LARGEST_FACTOR, SparseError};
 use super::pattern::Pattern;
 use super::system::Symmetric;
@@ -227,18 +226,10 @@ impl Cholesky {
 /// One front's part of the factor; see the module.
 fn eliminate(shape: Shape<'_>, Front { s, panel, below, team }: Front<'_>) -> Result<(), SparseError> {
     let (width, height) = (shape.width(s), shape.height(s));
-    let (mut l11, mut l21) = MatMut::from_column_major_slice_mut(panel, height, width).split_at_row_mut(width);
-    let need = cholesky_in_place_scratch::<f64>(width, Par::Seq, Default::default());
-    let mut scratch = MemBuffer::try_new(need).map_err(|error| SparseError::Setup(format!("{error:?}")))?;
-    let none = LltRegularization::default();
-    cholesky_in_place(l11.rb_mut(), none, Par::Seq, MemStack::new(&mut scratch), Default::default())
-        .map_err(|_| SparseError::NotPositiveDefinite)?;
-    // faer reports a pivot that is not positive; a NaN in the input passes through as NaN pivots.
-    if !(0..width).all(|k| l11[(k, k)].is_finite() && l11[(k, k)] > 0.0) {
-        return Err(SparseError::NotPositiveDefinite);
-    }
-    solve_lower(l11.as_ref(), l21.rb_mut().transpose_mut(), team);
-    accumulate_lower(below.as_mut(), l21.as_ref(), l21.as_ref().transpose(), -1.0, team);
+    let mut own = MatMut::from_column_major_slice_mut(panel, height, width);
+    factorise(own.rb_mut(), team)?;
+    let l21 = own.as_ref().subrows(width, height - width);
+    accumulate_lower(below.as_mut(), l21, l21.transpose(), -1.0, team);
     Ok(())
 }
 

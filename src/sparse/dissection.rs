@@ -9,6 +9,9 @@
 //! separators it touches above. So no pose fills in more than its own view does, and whatever sees one point is coupled
 //! in the factor.
 //!
+//! What is not in use comes before everything: it is coupled to nothing, and between two points of a separator it would
+//! keep them out of one supernode, whose dense columns are what makes a factorisation fast.
+//!
 //! A *branch* is a part that holds its share of the points in use: what lies in it is eliminated without the rest of the
 //! grid, by whichever thread has time. [`Census`] says how large a branch may be; that depends on the grid alone, so that
 //! the same numbers are added in the same order however many threads there are.
@@ -64,10 +67,10 @@ impl Part {
         })
     }
 
-    fn points(self, row: usize) -> impl Iterator<Item = Step> {
+    fn points(self) -> impl Iterator<Item = [usize; 2]> {
         let columns = self.first[0]..self.first[0] + self.size[0];
         let rows = self.first[1]..self.first[1] + self.size[1];
-        rows.flat_map(move |j| columns.clone().map(move |i| Step::Point(i + j * row)))
+        rows.flat_map(move |j| columns.clone().map(move |i| [i, j]))
     }
 }
 
@@ -167,10 +170,15 @@ struct Dissection<'a> {
 
 impl<'a> Dissection<'a> {
     fn of(size: [usize; 2], components: usize, poses: Vec<View>, census: Option<&'a Census>) -> Self {
-        let order = Vec::with_capacity(size[0] * size[1] + poses.len());
-        let mut whole = Self { row: size[0], components, order, entries_of_poses: 0.0, census, branches: Vec::new() };
-        whole.dissect(Part { first: [0, 0], size }, poses, false);
-        whole
+        let (order, branches, entries_of_poses) = (Vec::new(), Vec::new(), 0.0);
+        let mut all = Self { row: size[0], components, order, entries_of_poses, census, branches };
+        let whole = Part { first: [0, 0], size };
+        all.order = whole.points().filter(|point| !all.is_in_use(*point)).map(|point| all.step(point)).collect();
+        let in_use = all.order.len();
+        all.dissect(whole, poses, false);
+        // Whoever has the first branch has what is not in use, too.
+        all.branches.iter_mut().take(1).filter(|first| first.start == in_use).for_each(|first| first.start = 0);
+        all
     }
 
     /// `inside`: the part lies in a branch.
@@ -205,7 +213,7 @@ impl<'a> Dissection<'a> {
         for (half, own) in halves.into_iter().zip(below) {
             self.dissect(half, own, inside);
         }
-        self.order.extend(separator.points(self.row));
+        self.points_of(separator);
         self.last(here);
         true
     }
@@ -225,11 +233,26 @@ impl<'a> Dissection<'a> {
         if self.is_crowd(&poses, std::iter::empty(), part) {
             self.entries_of_poses += 0.5 * ((self.components * part.size[0] * part.size[1]) as f64).powi(2);
             self.order.extend(poses.into_iter().map(|(pose, _)| Step::Pose(pose)));
-            self.order.extend(part.points(self.row));
+            self.points_of(part);
         } else {
-            self.order.extend(part.points(self.row));
+            self.points_of(part);
             self.last(poses);
         }
+    }
+
+    /// The points of a part that are in use, as they stand.
+    fn points_of(&mut self, part: Part) {
+        let points = part.points().filter(|point| self.is_in_use(*point)).map(|point| self.step(point));
+        let own: Vec<Step> = points.collect();
+        self.order.extend(own);
+    }
+
+    fn is_in_use(&self, point: [usize; 2]) -> bool {
+        self.census.is_none_or(|census| census.count(&Part { first: point, size: [1, 1] }) > 0)
+    }
+
+    fn step(&self, [i, j]: [usize; 2]) -> Step {
+        Step::Point(i + j * self.row)
     }
 
     fn last(&mut self, poses: Vec<View>) {
@@ -321,6 +344,10 @@ mod tests {
             points.filter(|p| !(court.contains(&(p % 120)) && court.contains(&(p / 120)))).count()
         };
         assert!(order.branches.windows(2).all(|pair| pair[0].end <= pair[1].start));
+        // What is not in use comes first, and between nothing that is.
+        let unused =
+            |s: &&Step| matches!(s, Step::Point(p) if court.contains(&(p % 120)) && court.contains(&(p / 120)));
+        assert_eq!(order.steps.iter().take_while(unused).count(), 50 * 50);
         assert!(order.branches.iter().all(|range| held(range) <= census.total() / BRANCHES));
         let many = order.branches.iter().filter(|range| held(range) > 0).count();
         assert_eq!(many, census.branches());

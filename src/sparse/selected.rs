@@ -30,7 +30,7 @@ use faer::sparse::linalg::cholesky::supernodal::SupernodalLltRef;
 use faer::{Mat, MatMut, MatRef};
 
 use super::cholesky::Cholesky;
-use super::dense::{accumulate, accumulate_lower, mirror, product, solve_lower, solve_lower_transposed};
+use super::dense::{accumulate, accumulate_lower, inverse, mirror, product, solve_lower_transposed};
 use super::error::SparseError;
 use super::system::SystemMatrix;
 use super::team::Team;
@@ -75,7 +75,8 @@ pub fn selected_sandwich(
         let mut s21 = product(z22.as_ref(), dm.as_ref(), 1.0, team);
         accumulate(s21.as_mut(), s22.as_ref(), pivot.m.as_ref(), -1.0, team);
         let wg = product(pivot.w.as_ref(), g11, 1.0, team);
-        let mut s11 = product(wg.as_ref(), pivot.w.as_ref(), 1.0, team);
+        let mut s11 = Mat::zeros(wg.nrows(), wg.ncols());
+        accumulate_lower(s11.as_mut(), wg.as_ref(), pivot.w.as_ref(), 1.0, team);
         accumulate_lower(s11.as_mut(), dm.transpose(), z21.as_ref(), 1.0, team);
         accumulate_lower(s11.as_mut(), pivot.m.transpose(), s21.as_ref(), -1.0, team);
         mirror(s11.as_mut());
@@ -101,10 +102,7 @@ impl Pivot {
         let (l11, l21) = panel.split_at_row(panel.ncols());
         let mut m_transposed = l21.transpose().to_owned();
         solve_lower_transposed(l11, m_transposed.as_mut(), team);
-        let mut l11_inverse = Mat::<f64>::identity(panel.ncols(), panel.ncols());
-        solve_lower(l11, l11_inverse.as_mut(), team);
-        let w = product(l11_inverse.transpose(), l11_inverse.as_ref(), 1.0, team);
-        Self { m: m_transposed.transpose().to_owned(), w }
+        Self { m: m_transposed.transpose().to_owned(), w: inverse(l11, team) }
     }
 }
 
