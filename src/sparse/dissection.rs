@@ -338,11 +338,12 @@ mod tests {
         let census = Census::of(size, |p| !(court.contains(&(p % 120)) && court.contains(&(p / 120))));
         assert_eq!(census.total(), 120 * 90 - 50 * 50);
         let order = order(&census, 2, &[]);
-        let held = |range: &Range<usize>| {
-            let points =
+        let points = |range: &Range<usize>| -> Vec<usize> {
+            let all =
                 order.steps[range.clone()].iter().filter_map(|s| if let Step::Point(p) = s { Some(*p) } else { None });
-            points.filter(|p| !(court.contains(&(p % 120)) && court.contains(&(p / 120)))).count()
+            all.filter(|p| !(court.contains(&(p % 120)) && court.contains(&(p / 120)))).collect()
         };
+        let held = |range: &Range<usize>| points(range).len();
         assert!(order.branches.windows(2).all(|pair| pair[0].end <= pair[1].start));
         // What is not in use comes first, and between nothing that is.
         let unused =
@@ -355,11 +356,7 @@ mod tests {
         // Nothing in one branch is within the stencil's reach of another's.
         let mut owner = vec![None; 120 * 90];
         for (k, range) in order.branches.iter().enumerate() {
-            order.steps[range.clone()].iter().for_each(|s| {
-                if let Step::Point(p) = s {
-                    owner[*p] = Some(k)
-                }
-            });
+            points(range).into_iter().for_each(|p| owner[p] = Some(k));
         }
         for (p, q) in (0..90).flat_map(|j| (0..117).map(move |i| (i + 120 * j, i + 3 + 120 * j))) {
             assert!(owner[p].is_none() || owner[q].is_none() || owner[p] == owner[q]);
