@@ -48,7 +48,7 @@ fn factorise_pivots(mut block: MatMut<'_, f64>) -> Result<(), SparseError> {
     }
 }
 
-/// `(L L^T)^-1`. A column of `L^-1` begins at its pivot, so this takes a sixth of what solves with whole columns do.
+/// `(L L^T)^-1`. A column of `L^-1` begins at its pivot: `n^3 / 3` multiply-adds, where whole columns take `3 n^3 / 2`.
 pub(super) fn inverse(l: MatRef<'_, f64>, team: &Team) -> Mat<f64> {
     let n = l.nrows();
     let mut root = Mat::<f64>::identity(n, n);

@@ -174,10 +174,10 @@ impl<'a> Dissection<'a> {
         let mut all = Self { row: size[0], components, order, entries_of_poses, census, branches };
         let whole = Part { first: [0, 0], size };
         all.order = whole.points().filter(|point| !all.is_in_use(*point)).map(|point| all.step(point)).collect();
-        let in_use = all.order.len();
+        let begin = all.order.len();
         all.dissect(whole, poses, false);
         // Whoever has the first branch has what is not in use, too.
-        all.branches.iter_mut().take(1).filter(|first| first.start == in_use).for_each(|first| first.start = 0);
+        all.branches.iter_mut().take(1).filter(|first| first.start == begin).for_each(|first| first.start = 0);
         all
     }
 
