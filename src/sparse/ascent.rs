@@ -11,7 +11,7 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 use super::error::SparseError;
 use super::few::Panel;
 use super::team::{Pace, Team};
-use super::tree::Shape;
+use super::tree::Tree;
 
 /// Columns that walk together: as many as make use of a panel once it has been fetched.
 const GROUP: usize = 128;
@@ -58,27 +58,27 @@ pub(super) fn bytes(rows: usize, columns: usize) -> usize {
 
 impl Ascent {
     /// The paths of so many columns' entries; columns that begin near each other should stand near each other.
-    pub fn of(shape: Shape<'_>, entries: &[Entry], count: usize) -> Self {
-        let (symbolic, owner) = (shape.symbolic, shape.tree.owner());
-        let mut columns: Vec<Option<(usize, usize)>> = vec![None; symbolic.n_supernodes()];
+    pub fn of(tree: &Tree, entries: &[Entry], count: usize) -> Self {
+        let owner = tree.owner();
+        let mut columns: Vec<Option<(usize, usize)>> = vec![None; tree.supernodes()];
         let widen = |range: &mut Option<(usize, usize)>, (low, high): (usize, usize)| {
             *range = Some(range.map_or((low, high), |(a, b)| (a.min(low), b.max(high))));
         };
         entries.iter().for_each(|own| widen(&mut columns[owner[own.step]], (own.column, own.column + 1)));
-        let (mut firsts, mut rows) = (vec![0; symbolic.n_supernodes()], 0);
-        for s in 0..symbolic.n_supernodes() {
+        let (mut firsts, mut rows) = (vec![0; tree.supernodes()], 0);
+        for s in 0..tree.supernodes() {
             let Some(range) = columns[s] else { continue };
             firsts[s] = rows;
-            rows += shape.width(s);
-            if let Some(&parent) = symbolic.supernode(s).pattern().first() {
-                widen(&mut columns[owner[parent]], range);
+            rows += tree.width(s);
+            if let Some(parent) = tree.parent(s) {
+                widen(&mut columns[parent], range);
             }
         }
-        let place = |step: usize| firsts[owner[step]] + step - symbolic.supernode_begin()[owner[step]];
+        let place = |step: usize| firsts[owner[step]] + step - tree.first(owner[step]);
         let visit = |(s, range): (usize, &Option<(usize, usize)>)| {
             let (low, high) = (*range)?;
-            let below = symbolic.supernode(s).pattern().iter().map(|&step| place(step)).collect();
-            Some(Visit { supernode: s, first: firsts[s], width: shape.width(s), below, columns: low..high })
+            let below = tree.below(s).iter().map(|&step| place(step)).collect();
+            Some(Visit { supernode: s, first: firsts[s], width: tree.width(s), below, columns: low..high })
         };
         let visits = columns.iter().enumerate().filter_map(visit).collect();
         Self { visits, rows, columns: count, places: entries.iter().map(|own| place(own.step)).collect() }

@@ -16,7 +16,6 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::perm::PermRef;
 use faer::reborrow::ReborrowMut;
 use faer::sparse::linalg::SupernodalThreshold;
-use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
     factorize_symbolic_cholesky,
@@ -28,8 +27,8 @@ use super::error::{LARGEST_FACTOR, SparseError};
 use super::pattern::Pattern;
 use super::system::Symmetric;
 use super::team::Team;
-use super::tree::{Shape, Tree};
-use super::walk::{Front, up};
+use super::tree::Tree;
+use super::walk::{Front, Upward, up};
 
 /// How large a relative residual of a solve may be before its answer is refused.
 pub(crate) const LARGEST_RESIDUAL: f64 = 1e-6;
@@ -77,9 +76,8 @@ impl Cholesky {
             return Err(SparseError::Setup("the factor has no supernodes".into()));
         };
         let tree = Tree::of(supernodal, pattern.branches());
-        let shape = Shape { symbolic: supernodal, tree: &tree };
         // A factor's entries are fewer than 2^32: see `LARGEST_FACTOR`.
-        let address = |(row, column, _): (usize, usize, usize)| shape.address(inverse[row], inverse[column]) as u32;
+        let address = |(row, column, _): (usize, usize, usize)| tree.address(inverse[row], inverse[column]) as u32;
         let addresses = pattern.entries().map(address).collect();
         let values = vec![0.0; symbolic.len_val()];
         Ok(Self { pattern: pattern.clone(), symbolic, tree, addresses, values, scratch, team: Team::default() })
@@ -107,9 +105,7 @@ impl Cholesky {
         let mut values = std::mem::take(&mut self.values);
         values.fill(0.0);
         self.addresses.iter().zip(matrix.lower()).for_each(|(at, value)| values[*at as usize] = value);
-        let outcome = self
-            .shape()
-            .and_then(|shape| up(shape, &mut values, &self.team, &|_| true, |front| eliminate(shape, front)));
+        let outcome = up(&self.tree, &mut values, &self.team, &|_| true, &Elimination);
         self.values = values;
         outcome
     }
@@ -126,11 +122,10 @@ impl Cholesky {
 
     /// Whether the factor holds an entry between two unknowns.
     pub fn holds(&self, a: usize, b: usize) -> bool {
-        let (Some(symbolic), Some(permutation)) = (self.supernodal(), self.symbolic.perm()) else { return false };
-        let inverse = permutation.arrays().1;
-        let (first, last) = (inverse[a].min(inverse[b]), inverse[a].max(inverse[b]));
-        let s = symbolic.supernode_end().partition_point(|&end| end <= first);
-        last < symbolic.supernode_end()[s] || symbolic.supernode(s).pattern().binary_search(&last).is_ok()
+        let (steps, tree) = (self.steps(), &self.tree);
+        let (first, last) = (steps[a].min(steps[b]), steps[a].max(steps[b]));
+        let s = tree.owner()[first];
+        tree.owner()[last] == s || tree.below(s).binary_search(&last).is_ok()
     }
 
     /// The number of stored entries of the factor.
@@ -179,11 +174,6 @@ impl Cholesky {
         Ok(())
     }
 
-    /// The factor's supernodes.
-    pub(super) fn supernodes<'a>(&'a self, shape: Shape<'a>) -> SupernodalLltRef<'a, usize, f64> {
-        SupernodalLltRef::new(shape.symbolic, &self.values)
-    }
-
     /// The factor's values, panel after panel.
     pub(super) fn values(&self) -> &[f64] {
         &self.values
@@ -200,37 +190,30 @@ impl Cholesky {
     }
 
     /// Where its entries lie.
-    pub(super) fn shape(&self) -> Result<Shape<'_>, SparseError> {
-        let symbolic = self.supernodal().ok_or_else(|| SparseError::Setup("the factor has no supernodes".into()))?;
-        Ok(Shape { symbolic, tree: &self.tree })
-    }
-
-    fn supernodal(&self) -> Option<&SymbolicSupernodalCholesky<usize>> {
-        match self.symbolic.raw() {
-            SymbolicCholeskyRaw::Supernodal(symbolic) => Some(symbolic),
-            SymbolicCholeskyRaw::Simplicial(_) => None,
-        }
+    pub(super) fn tree(&self) -> &Tree {
+        &self.tree
     }
 
     fn pivots(&self) -> impl Iterator<Item = f64> + '_ {
-        self.supernodal().into_iter().flat_map(move |symbolic| {
-            let factor = SupernodalLltRef::new(symbolic, &self.values);
-            (0..symbolic.n_supernodes()).flat_map(move |s| {
-                let block = factor.supernode(s).val();
-                (0..block.ncols()).map(move |k| block[(k, k)])
-            })
+        (0..self.tree.supernodes()).flat_map(move |s| {
+            let panel = &self.values[self.tree.span(s..s + 1)];
+            (0..self.tree.width(s)).map(move |k| panel[k * (self.tree.height(s) + 1)])
         })
     }
 }
 
-/// One front's part of the factor; see the module.
-fn eliminate(shape: Shape<'_>, Front { s, panel, below, team }: Front<'_>) -> Result<(), SparseError> {
-    let (width, height) = (shape.width(s), shape.height(s));
-    let mut own = MatMut::from_column_major_slice_mut(panel, height, width);
-    factorise(own.rb_mut(), team)?;
-    let l21 = own.as_ref().subrows(width, height - width);
-    accumulate_lower(below.as_mut(), l21, l21.transpose(), -1.0, team);
-    Ok(())
+/// A walk that leaves the factor; see the module.
+pub(super) struct Elimination;
+
+impl Upward for Elimination {
+    fn visit(&self, tree: &Tree, Front { s, panel, below, team }: Front<'_>) -> Result<(), SparseError> {
+        let (width, height) = (tree.width(s), tree.height(s));
+        let mut own = MatMut::from_column_major_slice_mut(panel, height, width);
+        factorise(own.rb_mut(), team)?;
+        let l21 = own.as_ref().subrows(width, height - width);
+        accumulate_lower(below.as_mut(), l21, l21.transpose(), -1.0, team);
+        Ok(())
+    }
 }
 
 /// `|H x - b| / |b|` in the largest entry.

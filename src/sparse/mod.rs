@@ -5,19 +5,23 @@
 //! [`SystemMatrix`] the values. [`dissection`] orders both so that the Cholesky factor stays sparse, [`Cholesky`]
 //! factorises and solves (supernode by supernode on that order, with faer's dense kernels), and [`selected_inverse`] gives
 //! the entries of the inverse on the pattern without ever forming the inverse; [`Paths`] those between any few unknowns.
-//! Branches of the elimination tree are shared by a [`Team`] of threads.
+//! Branches of the elimination tree are shared by a [`Team`] of threads, and as [`Parcel`]s with others elsewhere.
 
 pub mod dissection;
 
+mod abroad;
 mod ascent;
 mod block;
+mod branch;
 mod cholesky;
 mod dense;
 mod error;
 mod few;
+mod parcel;
 mod paths;
 mod pattern;
 mod selected;
+mod shared;
 mod stencil;
 mod system;
 mod tasks;
@@ -25,10 +29,12 @@ mod team;
 mod tree;
 mod walk;
 
+pub use abroad::{Abroad, Offer};
 pub use block::CellBlock;
 pub use cholesky::Cholesky;
 pub(crate) use cholesky::LARGEST_RESIDUAL;
 pub use error::SparseError;
+pub use parcel::{Answer, Parcel};
 pub use paths::{Of, Paths};
 pub use pattern::{Pattern, Views};
 pub use selected::{selected_inverse, selected_sandwich};

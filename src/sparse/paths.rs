@@ -66,9 +66,9 @@ impl Paths {
 
     /// Bytes that these forms hold while they are formed.
     pub fn forming_bytes<C: AsRef<[(usize, f64)]>>(&self, columns: &[C]) -> Result<usize, SparseError> {
-        let (shape, inverse) = (self.cholesky.shape()?, self.cholesky.steps());
+        let (tree, inverse) = (self.cholesky.tree(), self.cholesky.steps());
         let entries: Vec<Entry> = columns.iter().enumerate().flat_map(|(k, own)| entries(k, own, inverse)).collect();
-        Ok(Ascent::of(shape, &entries, columns.len()).bytes())
+        Ok(Ascent::of(tree, &entries, columns.len()).bytes())
     }
 
     /// The forms `E^T H^-1 E`, or those of the sandwich, of columns `E` of few unknowns each, in their order, by a
@@ -80,16 +80,16 @@ impl Paths {
         team: &Team,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Mat<f64>, SparseError> {
-        let (shape, inverse) = (self.cholesky.shape()?, self.cholesky.steps());
+        let (tree, inverse) = (self.cholesky.tree(), self.cholesky.steps());
         let first = |column: &C| column.as_ref().iter().map(|(unknown, _)| inverse[*unknown]).min();
         let mut order: Vec<usize> = (0..columns.len()).collect();
         order.sort_by_key(|&k| first(&columns[k]));
         let entries: Vec<Entry> =
             order.iter().enumerate().flat_map(|(column, &k)| entries(column, &columns[k], inverse)).collect();
-        let ascent = Ascent::of(shape, &entries, columns.len());
+        let ascent = Ascent::of(tree, &entries, columns.len());
         let panels = |supernode: usize| Panels {
-            factor: shape.panel(supernode, self.cholesky.values()),
-            derivative: (of == Of::Sandwich).then(|| shape.panel(supernode, &self.related)),
+            factor: tree.panel(supernode, self.cholesky.values()),
+            derivative: (of == Of::Sandwich).then(|| tree.panel(supernode, &self.related)),
         };
         let sum = ascent.products(&entries, &panels, team, go_on)?;
         let mut back = vec![0; columns.len()];
@@ -115,18 +115,18 @@ const SHARE_OF_ELIMINATION: f64 = 0.7;
 
 /// Puts `P` and `Q` where the elimination's derivative is, supernode by supernode.
 fn relate_all(cholesky: &Cholesky, derivative: &mut [f64], go_on: &dyn Fn(f64) -> bool) -> Result<(), SparseError> {
-    let shape = cholesky.shape()?;
+    let tree = cholesky.tree();
     let (mut panels, mut rest) = (Vec::new(), derivative);
-    for s in 0..shape.symbolic.n_supernodes() {
-        let (own, others) = rest.split_at_mut(shape.span(s..s + 1).len());
+    for s in 0..tree.supernodes() {
+        let (own, others) = rest.split_at_mut(tree.span(s..s + 1).len());
         panels.push((s, own));
         rest = others;
     }
-    let pace = Pace::of(shape.whole_work());
+    let pace = Pace::of(tree.whole_work());
     cholesky.team().each_at_pace(panels, &pace, go_on, |(s, own)| {
-        let factor = shape.blocks(s, &cholesky.values()[shape.span(s..s + 1)]);
-        relate(factor, MatMut::from_column_major_slice_mut(own, shape.height(s), shape.width(s)));
-        pace.step(shape.work(s))
+        let factor = tree.blocks(s, &cholesky.values()[tree.span(s..s + 1)]);
+        relate(factor, MatMut::from_column_major_slice_mut(own, tree.height(s), tree.width(s)));
+        pace.step(tree.work(s))
     })?;
     Ok(())
 }

@@ -26,7 +26,6 @@
 
 use std::ops::Range;
 
-use faer::sparse::linalg::cholesky::supernodal::SupernodalLltRef;
 use faer::{Mat, MatMut, MatRef};
 
 use super::cholesky::Cholesky;
@@ -34,20 +33,14 @@ use super::dense::{accumulate, accumulate_lower, inverse, mirror, product, solve
 use super::error::SparseError;
 use super::system::SystemMatrix;
 use super::team::Team;
-use super::tree::Shape;
-use super::walk::{Front, down, up};
+use super::tree::Tree;
+use super::walk::{Downward, Front, Sources, Upward, down, up};
 
 /// The entries of `H^-1` on the pattern, `H` being the matrix last factorised.
 pub fn selected_inverse(cholesky: &Cholesky, go_on: &dyn Fn(f64) -> bool) -> Result<SystemMatrix, SparseError> {
-    let shape = cholesky.shape()?;
-    let factor = cholesky.supernodes(shape);
-    let entries = Entries::of(cholesky, shape);
-    let visit = |s: usize, [z22]: [Mat<f64>; 1], [own]: [&mut [f64]; 1], team: &Team| {
-        let pivot = Pivot::of(factor, s, team);
-        let (z21, z11) = inverse_blocks(&pivot, z22.as_ref(), team);
-        store(own, z11.as_ref(), z21.as_ref());
-    };
-    let kept = down(shape, cholesky.team(), go_on, visit, |supernodes, values| entries.among(supernodes, values))?;
+    let entries = Entries::of(cholesky);
+    let pass = Inverse { factor: cholesky.values() };
+    let kept = down(cholesky.tree(), cholesky.team(), go_on, &pass, &|holder| entries.of_holder(holder))?;
     let [z] = entries.together(kept);
     Ok(z)
 }
@@ -59,16 +52,46 @@ pub fn selected_sandwich(
     g: &SystemMatrix,
     go_on: &dyn Fn(f64) -> bool,
 ) -> Result<(SystemMatrix, SystemMatrix), SparseError> {
-    let shape = cholesky.shape()?;
-    let factor = cholesky.supernodes(shape);
-    let eliminated = eliminate_derivative(cholesky, g, &|share| go_on(SHARE_OF_ELIMINATION * share))?;
+    let derivative = eliminate_derivative(cholesky, g, &|share| go_on(SHARE_OF_ELIMINATION * share))?;
     let rest = |share| go_on(SHARE_OF_ELIMINATION + (1.0 - SHARE_OF_ELIMINATION) * share);
-    let entries = Entries::of(cholesky, shape);
-    let visit = |s: usize, [z22, s22]: [Mat<f64>; 2], [own_z, own_s]: [&mut [f64]; 2], team: &Team| {
-        let pivot = Pivot::of(factor, s, team);
+    let entries = Entries::of(cholesky);
+    let pass = Sandwich { factor: cholesky.values(), derivative: &derivative };
+    let kept = down(cholesky.tree(), cholesky.team(), &rest, &pass, &|holder| entries.of_holder(holder))?;
+    drop(derivative);
+    let [z, sandwich] = entries.together(kept);
+    Ok((z, sandwich))
+}
+
+/// The walk that leaves `Z`.
+pub(super) struct Inverse<'f> {
+    pub factor: &'f [f64],
+}
+
+impl Downward<1> for Inverse<'_> {
+    fn visit(&self, tree: &Tree, s: usize, [z22]: [Mat<f64>; 1], [own]: [&mut [f64]; 1], team: &Team) {
+        let pivot = Pivot::of(tree, self.factor, s, team);
+        let (z21, z11) = inverse_blocks(&pivot, z22.as_ref(), team);
+        store(own, z11.as_ref(), z21.as_ref());
+    }
+
+    fn sources(&self) -> Sources<'_> {
+        Sources { factor: self.factor, derivative: &[] }
+    }
+}
+
+/// The walk that leaves `Z` and `S`.
+pub(super) struct Sandwich<'f> {
+    pub factor: &'f [f64],
+    /// `G11` and `G21`, as [`Derivative`] leaves them.
+    pub derivative: &'f [f64],
+}
+
+impl Downward<2> for Sandwich<'_> {
+    fn visit(&self, tree: &Tree, s: usize, [z22, s22]: [Mat<f64>; 2], own: [&mut [f64]; 2], team: &Team) {
+        let pivot = Pivot::of(tree, self.factor, s, team);
         let (z21, z11) = inverse_blocks(&pivot, z22.as_ref(), team);
 
-        let (g11, g21) = shape.blocks(s, &eliminated[shape.span(s..s + 1)]);
+        let (g11, g21) = tree.blocks(s, &self.derivative[tree.span(s..s + 1)]);
         let mut e = g21.to_owned();
         accumulate(e.as_mut(), pivot.m.as_ref(), g11, -1.0, team);
         let dm = product(e.as_ref(), pivot.w.as_ref(), 1.0, team);
@@ -81,13 +104,14 @@ pub fn selected_sandwich(
         accumulate_lower(s11.as_mut(), pivot.m.transpose(), s21.as_ref(), -1.0, team);
         mirror(s11.as_mut());
 
+        let [own_z, own_s] = own;
         store(own_z, z11.as_ref(), z21.as_ref());
         store(own_s, s11.as_ref(), s21.as_ref());
-    };
-    let kept = down(shape, cholesky.team(), &rest, visit, |supernodes, values| entries.among(supernodes, values))?;
-    drop(eliminated);
-    let [z, sandwich] = entries.together(kept);
-    Ok((z, sandwich))
+    }
+
+    fn sources(&self) -> Sources<'_> {
+        Sources { factor: self.factor, derivative: self.derivative }
+    }
 }
 
 /// A supernode's `M = L21 L11^-1` and `W = (L11 L11^T)^-1`.
@@ -97,9 +121,8 @@ struct Pivot {
 }
 
 impl Pivot {
-    fn of(factor: SupernodalLltRef<'_, usize, f64>, s: usize, team: &Team) -> Self {
-        let panel = factor.supernode(s).val();
-        let (l11, l21) = panel.split_at_row(panel.ncols());
+    fn of(tree: &Tree, factor: &[f64], s: usize, team: &Team) -> Self {
+        let (l11, l21) = tree.blocks(s, &factor[tree.span(s..s + 1)]);
         let mut m_transposed = l21.transpose().to_owned();
         solve_lower_transposed(l11, m_transposed.as_mut(), team);
         Self { m: m_transposed.transpose().to_owned(), w: inverse(l11, team) }
@@ -120,34 +143,41 @@ pub(super) fn eliminate_derivative(
     g: &SystemMatrix,
     go_on: &dyn Fn(f64) -> bool,
 ) -> Result<Vec<f64>, SparseError> {
-    let shape = cholesky.shape()?;
-    let (factor, steps) = (cholesky.supernodes(shape), cholesky.steps());
-    let mut values = vec![0.0; shape.symbolic.len_val()];
+    let (tree, steps) = (cholesky.tree(), cholesky.steps());
+    let mut values = vec![0.0; cholesky.fill()];
     let sources = g.pattern().entries().map(|(_, _, source)| source);
     cholesky.addresses().iter().zip(sources).for_each(|(at, source)| values[*at as usize] = g.values()[source]);
     for (row, column, value) in g.pair_entries() {
-        values[shape.address(steps[row], steps[column])] = value;
+        values[tree.address(steps[row], steps[column])] = value;
     }
-    up(shape, &mut values, cholesky.team(), go_on, |front| {
-        differentiate(shape, factor, front);
-        Ok(())
-    })?;
+    up(tree, &mut values, cholesky.team(), go_on, &Derivative { factor: cholesky.values() })?;
     Ok(values)
 }
 
-fn differentiate(shape: Shape<'_>, factor: SupernodalLltRef<'_, usize, f64>, front: Front<'_>) {
-    let Front { s, panel, below, team } = front;
-    let (width, height) = (shape.width(s), shape.height(s));
-    mirror(MatMut::from_column_major_slice_mut(panel, height, width).split_at_row_mut(width).0);
-    if height == width {
-        return;
+/// The walk that leaves the elimination's derivative.
+pub(super) struct Derivative<'f> {
+    pub factor: &'f [f64],
+}
+
+impl Upward for Derivative<'_> {
+    fn visit(&self, tree: &Tree, Front { s, panel, below, team }: Front<'_>) -> Result<(), SparseError> {
+        let (width, height) = (tree.width(s), tree.height(s));
+        mirror(MatMut::from_column_major_slice_mut(panel, height, width).split_at_row_mut(width).0);
+        if height == width {
+            return Ok(());
+        }
+        let pivot = Pivot::of(tree, self.factor, s, team);
+        let (g11, g21) = tree.blocks(s, panel);
+        let mut e = g21.to_owned();
+        accumulate(e.as_mut(), pivot.m.as_ref(), g11, -1.0, team);
+        accumulate_lower(below.as_mut(), e.as_ref(), pivot.m.transpose(), -1.0, team);
+        accumulate_lower(below.as_mut(), pivot.m.as_ref(), g21.transpose(), -1.0, team);
+        Ok(())
     }
-    let pivot = Pivot::of(factor, s, team);
-    let (g11, g21) = shape.blocks(s, panel);
-    let mut e = g21.to_owned();
-    accumulate(e.as_mut(), pivot.m.as_ref(), g11, -1.0, team);
-    accumulate_lower(below.as_mut(), e.as_ref(), pivot.m.transpose(), -1.0, team);
-    accumulate_lower(below.as_mut(), pivot.m.as_ref(), g21.transpose(), -1.0, team);
+
+    fn sources(&self) -> Sources<'_> {
+        Sources { factor: self.factor, derivative: &[] }
+    }
 }
 
 /// The share of a sandwich's work that is its first half's.
@@ -164,22 +194,22 @@ fn store(panel: &mut [f64], pivot: MatRef<'_, f64>, below: MatRef<'_, f64>) {
 /// then each supernode of the top.
 struct Entries<'a> {
     cholesky: &'a Cholesky,
-    shape: Shape<'a>,
-    /// The first supernode and the addresses of each holder.
+    /// The first supernode, and where the holder's panels lie.
     holders: Vec<(usize, Range<usize>)>,
-    /// By holder, in the pattern's order.
-    addresses: Vec<Vec<u32>>,
+    /// By holder, in the pattern's order, among its own values.
+    places: Vec<Vec<u32>>,
 }
 
 impl<'a> Entries<'a> {
-    fn of(cholesky: &'a Cholesky, shape: Shape<'a>) -> Self {
-        let branches = shape.tree.branches().iter().cloned();
-        let holders = branches.chain(shape.tree.top().iter().map(|&s| s..s + 1));
-        let holders: Vec<_> = holders.map(|own| (own.start, shape.span(own))).collect();
-        let mut entries = Self { cholesky, shape, addresses: vec![Vec::new(); holders.len()], holders };
-        let mut addresses = std::mem::take(&mut entries.addresses);
-        entries.each(|holder, address| addresses[holder].push(address));
-        Self { addresses, ..entries }
+    fn of(cholesky: &'a Cholesky) -> Self {
+        let tree = cholesky.tree();
+        let holders = tree.branches().iter().cloned().chain(tree.top().iter().map(|&s| s..s + 1));
+        let holders: Vec<_> = holders.map(|own| (own.start, tree.span(own))).collect();
+        let mut entries = Self { cholesky, places: vec![Vec::new(); holders.len()], holders };
+        let mut places = std::mem::take(&mut entries.places);
+        // Addresses are of 32 bits, so places among a holder's own values are.
+        entries.each(|holder, address| places[holder].push(address - entries.holders[holder].1.start as u32));
+        Self { places, ..entries }
     }
 
     /// Tells every entry's holder and address, in the pattern's order.
@@ -197,12 +227,10 @@ impl<'a> Entries<'a> {
         }
     }
 
-    /// What a holder has of them, of several matrices.
-    fn among<const K: usize>(&self, supernodes: Range<usize>, values: [&[f64]; K]) -> Vec<[f64; K]> {
-        let first = self.shape.span(supernodes.clone()).start;
+    /// Where the entries of these supernodes, a branch or one of the top, lie among their values.
+    fn of_holder(&self, supernodes: Range<usize>) -> &[u32] {
         let holder = self.holders.iter().position(|(start, _)| *start == supernodes.start);
-        let addresses = holder.map_or(&[][..], |holder| &self.addresses[holder]);
-        addresses.iter().map(|&address| values.map(|own| own[address as usize - first])).collect()
+        holder.map_or(&[], |holder| &self.places[holder])
     }
 
     /// The matrices, of what all holders have.
@@ -220,7 +248,7 @@ impl<'a> Entries<'a> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::sparse::{CellBlock, Pattern, Stencil, Symmetric, Views};
     use crate::spline::SUPPORT;
@@ -235,7 +263,7 @@ mod tests {
     }
 
     /// A sum of outer products of rows that touch one cell, of all components, and one pose that sees it.
-    fn random_spd(pattern: &std::sync::Arc<Pattern>, seed: u64, ridge: f64) -> SystemMatrix {
+    pub fn random_spd(pattern: &std::sync::Arc<Pattern>, seed: u64, ridge: f64) -> SystemMatrix {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let mut matrix = SystemMatrix::zeros(pattern.clone());
         let [nx, ny] = pattern.stencil().size();
@@ -264,24 +292,28 @@ mod tests {
         matrix
     }
 
-    #[test]
-    fn branches_are_anyones_and_the_bytes_the_same() {
+    /// Two components of a place that poses see: some a spot each, one all of it, and a crowd in a corner.
+    pub fn seen_place() -> std::sync::Arc<Pattern> {
         let size: [usize; 2] = [41, 30];
-        // Poses that see a place each, one that sees all, and a crowd in a corner.
         let near = |pose: usize| (0..size[0] * size[1]).filter(move |&p| (p % 41).abs_diff(5 * pose) <= 5);
         let corner = |p: &usize| p % 41 < 8 && p / 41 < 8;
         let everywhere = (0..size[0] * size[1]).map(|p| (8, p));
         let crowd = (9..60).flat_map(|pose| (0..size[0] * size[1]).filter(corner).map(move |p| (pose, p)));
         let views = (0..8).flat_map(|pose| near(pose).map(move |p| (pose, p))).chain(everywhere).chain(crowd);
-        let pattern = Pattern::new(Stencil::of_grid(size), 2, Views::of(60, views));
+        Pattern::new(Stencil::of_grid(size), 2, Views::of(60, views))
+    }
+
+    #[test]
+    fn branches_are_anyones_and_the_bytes_the_same() {
+        let pattern = seen_place();
         let (h, g) = (random_spd(&pattern, 5, 0.3), random_spd(&pattern, 105, 0.0));
         let dense = h.to_dense().llt(faer::Side::Lower).unwrap().inverse();
         let all = [1, 2, 3].map(|threads| {
             let team = Team::of(std::num::NonZero::new(threads).unwrap());
             let mut cholesky = Cholesky::analyse(&pattern).unwrap().with_team(team);
-            let branches = cholesky.shape().unwrap().tree.branches().len();
+            let branches = cholesky.tree().branches().len();
             assert!(branches > 5, "{branches} of {:?}", pattern.branches());
-            assert!(cholesky.shape().unwrap().whole_work() > 5e7, "too small to be shared");
+            assert!(cholesky.tree().whole_work() > 5e7, "too small to be shared");
             cholesky.factorise(&h).unwrap();
             let mut x: Vec<f64> = (0..pattern.dimension()).map(|k| (k as f64).cos()).collect();
             cholesky.solve(&mut x);

@@ -4,8 +4,6 @@
 //! needs what its children hand on, the update between the rows below them (Duff and Reid 1983), and nothing else.
 
 use super::cholesky::Cholesky;
-use super::error::SparseError;
-use super::tree::Shape;
 
 /// A branch, or a supernode above the branches.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,33 +22,27 @@ pub struct Task {
 
 impl Cholesky {
     /// The tasks of a factorisation, children before parents.
-    pub fn tasks(&self) -> Result<Vec<Task>, SparseError> {
-        let shape = self.shape()?;
-        let tree = shape.tree;
+    pub fn tasks(&self) -> Vec<Task> {
+        let tree = self.tree();
         let branches = tree.branches().iter().map(|range| (range.clone(), true));
         let mut groups: Vec<_> = branches.chain(tree.top().iter().map(|&s| (s..s + 1, false))).collect();
         groups.sort_by_key(|(range, _)| range.start);
         let task_of = |s: usize| groups.partition_point(|(range, _)| range.start <= s) - 1;
         let tasks = groups.iter().map(|(range, branch)| {
-            let parents = range.clone().filter_map(|s| Some((s, parent(shape, s)?)));
+            let parents = range.clone().filter_map(|s| Some((s, tree.parent(s)?)));
             let handed: Vec<_> = parents.filter(|(_, parent)| !range.contains(parent)).collect();
             let mut needed_by: Vec<usize> = handed.iter().map(|(_, parent)| task_of(*parent)).collect();
             needed_by.dedup();
             Task {
-                work: range.clone().map(|s| shape.work(s)).sum(),
-                entries: shape.span(range.clone()).len(),
-                update: handed.iter().map(|(s, _)| shape.below(*s).len() * (shape.below(*s).len() + 1) / 2).sum(),
+                work: tree.work_of(range.clone()),
+                entries: tree.span(range.clone()).len(),
+                update: handed.iter().map(|(s, _)| tree.below(*s).len() * (tree.below(*s).len() + 1) / 2).sum(),
                 needed_by,
                 branch: *branch,
             }
         });
-        Ok(tasks.collect())
+        tasks.collect()
     }
-}
-
-/// Who takes a supernode's update: the owner of the first row below it.
-fn parent(shape: Shape<'_>, s: usize) -> Option<usize> {
-    shape.below(s).first().map(|&step| shape.tree.owner()[step])
 }
 
 #[cfg(test)]
@@ -63,12 +55,12 @@ mod tests {
     fn tasks_are_all_of_the_factor_and_hand_on_upwards() {
         let matrix = random_spd([90, 70], 2);
         let cholesky = Cholesky::analyse(&Pattern::of_stencil(matrix.stencil())).unwrap();
-        let tasks = cholesky.tasks().unwrap();
+        let tasks = cholesky.tasks();
         assert_eq!(tasks.iter().map(|task| task.entries).sum::<usize>(), cholesky.fill());
-        let shape = cholesky.shape().unwrap();
+        let tree = cholesky.tree();
         let work: f64 = tasks.iter().map(|task| task.work).sum();
-        assert!((work / shape.whole_work() - 1.0).abs() < 1e-12);
-        assert_eq!(tasks.iter().filter(|task| task.branch).count(), shape.tree.branches().len());
+        assert!((work / tree.whole_work() - 1.0).abs() < 1e-12);
+        assert_eq!(tasks.iter().filter(|task| task.branch).count(), tree.branches().len());
         for (k, task) in tasks.iter().enumerate() {
             assert!(task.needed_by.iter().all(|&parent| parent > k && !tasks[parent].branch));
             assert_eq!(task.update == 0, task.needed_by.is_empty());

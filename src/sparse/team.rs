@@ -10,10 +10,11 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use super::abroad::Abroad;
 use super::error::SparseError;
 
 /// How often a team that works is told from outside whether to go on.
-const LOOK: Duration = Duration::from_millis(20);
+pub(super) const LOOK: Duration = Duration::from_millis(20);
 /// What takes fewer multiply-adds is done almost before a thread has been started.
 const SMALL: f64 = 1e7;
 /// Work between two questions whether to go on, in multiply-adds.
@@ -40,6 +41,7 @@ pub struct Parts {
 #[derive(Clone, Default)]
 pub struct Team {
     lender: Option<Arc<dyn Lender>>,
+    abroad: Option<Arc<dyn Abroad>>,
 }
 
 impl fmt::Debug for Team {
@@ -60,9 +62,9 @@ impl Lender for Fixed {
 }
 
 /// Gives threads back however the work ends.
-struct Loan<'a> {
+pub(super) struct Loan<'a> {
     lender: &'a dyn Lender,
-    count: usize,
+    pub count: usize,
 }
 
 impl Drop for Loan<'_> {
@@ -74,7 +76,7 @@ impl Drop for Loan<'_> {
 impl Team {
     /// The caller's thread alone.
     pub const fn alone() -> Self {
-        Self { lender: None }
+        Self { lender: None, abroad: None }
     }
 
     /// Of so many threads, the caller's among them.
@@ -82,8 +84,8 @@ impl Team {
         Self::threads(threads.get())
     }
 
-    fn threads(count: usize) -> Self {
-        Self { lender: (count > 1).then(|| Arc::new(Fixed(count - 1)) as Arc<dyn Lender>) }
+    pub(super) fn threads(count: usize) -> Self {
+        Self { lender: (count > 1).then(|| Arc::new(Fixed(count - 1)) as Arc<dyn Lender>), abroad: None }
     }
 
     /// Of one thread a core.
@@ -93,7 +95,16 @@ impl Team {
 
     /// Of the caller's thread and those that the lender lends.
     pub fn with(lender: Arc<dyn Lender>) -> Self {
-        Self { lender: Some(lender) }
+        Self { lender: Some(lender), abroad: None }
+    }
+
+    /// And of others elsewhere, who may take branches.
+    pub fn and_abroad(self, abroad: Arc<dyn Abroad>) -> Self {
+        Self { abroad: Some(abroad), ..self }
+    }
+
+    pub(super) fn abroad(&self) -> Option<&dyn Abroad> {
+        self.abroad.as_deref()
     }
 
     /// Does every item, and gives the results in the items' order.
@@ -126,21 +137,14 @@ impl Team {
         go_on: &dyn Fn(f64) -> bool,
         work: impl Fn(T) -> Result<R, SparseError> + Sync,
     ) -> Result<Vec<R>, SparseError> {
-        let parts = Mutex::new(Parts { total: items.len(), ..Parts::default() });
-        let tell = |change: fn(&mut Parts)| {
-            if let Some(lender) = &self.lender {
-                let mut parts = parts.lock().unwrap_or_else(PoisonError::into_inner);
-                change(&mut parts);
-                lender.told(&parts);
-            }
-        };
+        let told = self.told(items.len());
         let work = |item| {
-            tell(|parts| parts.running += 1);
+            told.begun();
             let outcome = pace.goes_on().and_then(|()| work(item)).inspect_err(|_| pace.stop());
-            tell(|parts| (parts.running, parts.done) = (parts.running - 1, parts.done + 1));
+            told.ended();
             outcome
         };
-        if pace.whole < SMALL {
+        if pace.is_short() {
             pace.ask(go_on)?;
             return all_or_why_not(items.into_iter().map(work).collect());
         }
@@ -162,17 +166,46 @@ impl Team {
         })
     }
 
-    fn borrow(&self, items: usize) -> Option<Loan<'_>> {
+    /// Who is told how far the branches are, so many.
+    pub(super) fn told(&self, total: usize) -> Told<'_> {
+        Told { lender: self.lender.as_deref(), parts: Mutex::new(Parts { total, ..Parts::default() }) }
+    }
+
+    pub(super) fn borrow(&self, items: usize) -> Option<Loan<'_>> {
         let lender = self.lender.as_deref().filter(|_| items > 1)?;
         let count = lender.lend(items - 1);
         (count > 0).then_some(Loan { lender, count })
     }
 }
 
+/// Tells a lender how far branches are.
+pub(super) struct Told<'a> {
+    lender: Option<&'a dyn Lender>,
+    parts: Mutex<Parts>,
+}
+
+impl Told<'_> {
+    pub fn begun(&self) {
+        self.tell(|parts| parts.running += 1);
+    }
+
+    pub fn ended(&self) {
+        self.tell(|parts| (parts.running, parts.done) = (parts.running - 1, parts.done + 1));
+    }
+
+    fn tell(&self, change: fn(&mut Parts)) {
+        if let Some(lender) = self.lender {
+            let mut parts = self.parts.lock().unwrap_or_else(PoisonError::into_inner);
+            change(&mut parts);
+            lender.told(&parts);
+        }
+    }
+}
+
 /// Wakes whoever watches, once work has ended.
-struct End<'a> {
-    ended: &'a AtomicBool,
-    watcher: std::thread::Thread,
+pub(super) struct End<'a> {
+    pub ended: &'a AtomicBool,
+    pub watcher: std::thread::Thread,
 }
 
 impl Drop for End<'_> {
@@ -183,7 +216,7 @@ impl Drop for End<'_> {
 }
 
 /// All results, or why there are none: the failure that stopped the others, not that they were stopped.
-fn all_or_why_not<R>(results: Vec<Result<R, SparseError>>) -> Result<Vec<R>, SparseError> {
+pub(super) fn all_or_why_not<R>(results: Vec<Result<R, SparseError>>) -> Result<Vec<R>, SparseError> {
     let errors = results.iter().filter_map(|result| result.as_ref().err());
     match errors.into_iter().find(|error| **error != SparseError::Stopped) {
         Some(error) => Err(error.clone()),
@@ -196,7 +229,7 @@ fn next<T>(queue: &Mutex<impl Iterator<Item = T>>) -> Option<T> {
 }
 
 /// A thread's outcome; its panic goes on in this one.
-fn joined<R>(thread: std::thread::ScopedJoinHandle<'_, R>) -> R {
+pub(super) fn joined<R>(thread: std::thread::ScopedJoinHandle<'_, R>) -> R {
     thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
@@ -215,6 +248,11 @@ impl Pace {
         Self { whole, done: AtomicU64::new(0), told: AtomicU64::new(0), stopped: AtomicBool::new(false) }
     }
 
+    /// Whether it is done almost before a thread has been started.
+    pub fn is_short(&self) -> bool {
+        self.whole < SMALL
+    }
+
     /// So much more is done.
     pub fn step(&self, work: f64) -> Result<(), SparseError> {
         self.done.fetch_add(work as u64, Ordering::Relaxed);
@@ -231,7 +269,7 @@ impl Pace {
         self.goes_on()
     }
 
-    fn stop(&self) {
+    pub fn stop(&self) {
         self.stopped.store(true, Ordering::Relaxed);
     }
 
@@ -241,7 +279,7 @@ impl Pace {
         if since < BREATH { self.goes_on() } else { self.ask(go_on) }
     }
 
-    fn goes_on(&self) -> Result<(), SparseError> {
+    pub fn goes_on(&self) -> Result<(), SparseError> {
         if self.stopped.load(Ordering::Relaxed) { Err(SparseError::Stopped) } else { Ok(()) }
     }
 }

@@ -1,10 +1,10 @@
 //! The elimination tree of a supernodal factor: which supernode hands its update to which, where entries lie, and which
 //! parts of the tree do without the others.
 //!
-//! A supernode's columns share their rows, so they lie in one dense panel: its pivot rows, then the rows below, whose
-//! matrix among themselves lies in the panels of supernodes eliminated later. [`Shape::trailing`] gathers that matrix,
-//! [`Shape::extend_add`] hands a child's update to its parent (Duff and Reid 1983); both find rows by one walk over two
-//! ascending lists.
+//! A supernode's columns share their rows, so they lie in one dense panel, column by column: its pivot rows, then the rows
+//! below, whose matrix among themselves lies in the panels of supernodes eliminated later. [`Tree::trailing`] gathers that
+//! matrix, [`Tree::extend_add`] hands a child's update to its parent (Duff and Reid 1983); both find rows by one walk over
+//! two ascending lists.
 
 use std::ops::Range;
 
@@ -14,8 +14,15 @@ use faer::{Mat, MatRef};
 use super::dense::mirror;
 use super::few::Panel;
 
-/// Who eliminates what, and for whom.
+/// Who eliminates what, and for whom; see the module.
 pub(super) struct Tree {
+    /// The first step of every supernode; at last, how many steps there are.
+    begins: Vec<usize>,
+    /// Where each one's rows below begin among all of theirs, which are steps, ascending.
+    row_starts: Vec<usize>,
+    rows: Vec<usize>,
+    /// Where each one's panel begins among all values.
+    panels: Vec<usize>,
     /// The supernode that eliminates each step.
     owner: Vec<usize>,
     /// Where each supernode's children begin among all children; ascending.
@@ -31,11 +38,41 @@ impl Tree {
     /// `branches` are ranges of steps that are eliminated without the rest.
     pub fn of(symbolic: &SymbolicSupernodalCholesky<usize>, branches: &[Range<usize>]) -> Self {
         let count = symbolic.n_supernodes();
-        let mut owner = vec![0; symbolic.nrows()];
+        let mut begins = symbolic.supernode_begin().to_vec();
+        begins.push(symbolic.nrows());
+        let (mut row_starts, mut rows) = (vec![0], Vec::new());
         for s in 0..count {
-            owner[symbolic.supernode_begin()[s]..symbolic.supernode_end()[s]].fill(s);
+            rows.extend_from_slice(symbolic.supernode(s).pattern());
+            row_starts.push(rows.len());
         }
-        let parent = |s: usize| symbolic.supernode(s).pattern().first().map(|&step| owner[step]);
+        let mut tree = Self::of_supernodes(begins, row_starts, rows);
+        let whole = |steps: &Range<usize>| {
+            let first = tree.begins[..count].partition_point(|&begin| begin < steps.start);
+            first..tree.begins[1..].partition_point(|&end| end <= steps.end)
+        };
+        let own = branches.iter().map(whole).filter(|range| !range.is_empty() && tree.is_closed(range));
+        tree.branches = own.collect();
+        tree.top.clear();
+        let mut next = 0;
+        for branch in &tree.branches {
+            tree.top.extend(next..branch.start);
+            next = branch.end;
+        }
+        tree.top.extend(next..count);
+        tree
+    }
+
+    /// Of supernodes by their first steps, with the number of steps at the end, and by the rows below them; no branches.
+    pub fn of_supernodes(begins: Vec<usize>, row_starts: Vec<usize>, rows: Vec<usize>) -> Self {
+        let count = begins.len() - 1;
+        let mut owner = vec![0; begins[count]];
+        (0..count).for_each(|s| owner[begins[s]..begins[s + 1]].fill(s));
+        let mut panels = vec![0];
+        for s in 0..count {
+            let width = begins[s + 1] - begins[s];
+            panels.push(panels[s] + width * (width + row_starts[s + 1] - row_starts[s]));
+        }
+        let parent = |s: usize| rows[row_starts[s]..row_starts[s + 1]].first().map(|&step| owner[step]);
         let mut starts = vec![0; count + 1];
         (0..count).filter_map(parent).for_each(|parent| starts[parent + 1] += 1);
         (0..count).for_each(|s| starts[s + 1] += starts[s]);
@@ -46,20 +83,12 @@ impl Tree {
                 next[parent] += 1;
             }
         }
-        let mut tree = Self { owner, starts, children, branches: Vec::new(), top: Vec::new() };
-        let whole = |steps: &Range<usize>| {
-            let first = symbolic.supernode_begin().partition_point(|&begin| begin < steps.start);
-            first..symbolic.supernode_end().partition_point(|&end| end <= steps.end)
-        };
-        let own = branches.iter().map(whole).filter(|range| !range.is_empty() && tree.is_closed(range));
-        tree.branches = own.collect();
-        let mut next = 0;
-        for branch in &tree.branches {
-            tree.top.extend(next..branch.start);
-            next = branch.end;
-        }
-        tree.top.extend(next..count);
-        tree
+        let (branches, top) = (Vec::new(), (0..count).collect());
+        Self { begins, row_starts, rows, panels, owner, starts, children, branches, top }
+    }
+
+    pub fn supernodes(&self) -> usize {
+        self.begins.len() - 1
     }
 
     pub fn owner(&self) -> &[usize] {
@@ -70,6 +99,11 @@ impl Tree {
         &self.children[self.starts[s]..self.starts[s + 1]]
     }
 
+    /// Who takes a supernode's update: the owner of the first row below it.
+    pub fn parent(&self, s: usize) -> Option<usize> {
+        self.below(s).first().map(|&step| self.owner[step])
+    }
+
     pub fn branches(&self) -> &[Range<usize>] {
         &self.branches
     }
@@ -78,68 +112,67 @@ impl Tree {
         &self.top
     }
 
-    fn is_closed(&self, range: &Range<usize>) -> bool {
-        range.clone().all(|s| self.children(s).iter().all(|child| *child >= range.start))
+    /// The steps that supernodes eliminate.
+    pub fn steps(&self, supernodes: Range<usize>) -> Range<usize> {
+        self.begins[supernodes.start]..self.begins[supernodes.end]
     }
-}
 
-/// Where the entries of a matrix on the factor's pattern lie: per supernode a column-major panel of its pivot rows and
-/// the rows below.
-#[derive(Clone, Copy)]
-pub(super) struct Shape<'a> {
-    pub symbolic: &'a SymbolicSupernodalCholesky<usize>,
-    pub tree: &'a Tree,
-}
+    /// The first step of a supernode.
+    pub fn first(&self, s: usize) -> usize {
+        self.begins[s]
+    }
 
-impl<'a> Shape<'a> {
-    pub fn width(self, s: usize) -> usize {
-        self.symbolic.supernode_end()[s] - self.symbolic.supernode_begin()[s]
+    pub fn width(&self, s: usize) -> usize {
+        self.begins[s + 1] - self.begins[s]
     }
 
     /// Pivot rows and rows below.
-    pub fn height(self, s: usize) -> usize {
+    pub fn height(&self, s: usize) -> usize {
         self.width(s) + self.below(s).len()
     }
 
     /// The steps of the rows below a supernode, ascending.
-    pub fn below(self, s: usize) -> &'a [usize] {
-        self.symbolic.supernode(s).pattern()
+    pub fn below(&self, s: usize) -> &[usize] {
+        &self.rows[self.row_starts[s]..self.row_starts[s + 1]]
     }
 
     /// Where the panels of a range of supernodes lie among all values.
-    pub fn span(self, supernodes: Range<usize>) -> Range<usize> {
-        let starts = self.symbolic.col_ptr_for_val();
-        starts[supernodes.start]..starts[supernodes.end]
+    pub fn span(&self, supernodes: Range<usize>) -> Range<usize> {
+        self.panels[supernodes.start]..self.panels[supernodes.end]
     }
 
     /// About how many multiply-adds a supernode takes.
-    pub fn work(self, s: usize) -> f64 {
+    pub fn work(&self, s: usize) -> f64 {
         self.width(s) as f64 * (self.height(s) as f64).powi(2)
     }
 
-    pub fn whole_work(self) -> f64 {
-        (0..self.symbolic.n_supernodes()).map(|s| self.work(s)).sum()
+    pub fn whole_work(&self) -> f64 {
+        self.work_of(0..self.supernodes())
     }
 
-    /// A supernode's pivot block and the block below it.
-    pub fn blocks(self, s: usize, panel: &[f64]) -> (MatRef<'_, f64>, MatRef<'_, f64>) {
+    pub fn work_of(&self, supernodes: Range<usize>) -> f64 {
+        supernodes.map(|s| self.work(s)).sum()
+    }
+
+    /// A supernode's pivot block and the block below it, of its panel.
+    pub fn blocks<'v>(&self, s: usize, panel: &'v [f64]) -> (MatRef<'v, f64>, MatRef<'v, f64>) {
         MatRef::from_column_major_slice(panel, self.height(s), self.width(s)).split_at_row(self.width(s))
     }
 
     /// A supernode's panel among all values.
-    pub fn panel(self, s: usize, values: &[f64]) -> Panel<'_> {
+    pub fn panel<'v>(&self, s: usize, values: &'v [f64]) -> Panel<'v> {
         Panel::new(&values[self.span(s..s + 1)], self.height(s), self.width(s))
     }
 
     /// The matrix between the rows below a supernode, gathered from the panels of those that own them.
-    pub fn trailing<'v>(self, s: usize, panel_of: impl Fn(usize) -> &'v [f64]) -> Mat<f64> {
+    pub fn trailing<'v>(&self, s: usize, panel_of: impl Fn(usize) -> &'v [f64]) -> Mat<f64> {
         let below = self.below(s);
         let mut trailing = Mat::zeros(below.len(), below.len());
         let mut start = 0;
         while start < below.len() {
-            let t = self.tree.owner[below[start]];
-            let first = self.symbolic.supernode_begin()[t];
-            let end = start + below[start..].partition_point(|&step| step < self.symbolic.supernode_end()[t]);
+            let t = self.owner[below[start]];
+            let first = self.begins[t];
+            let end = start + below[start..].partition_point(|&step| step < self.begins[t + 1]);
             let places = self.places(t, &below[start..]);
             let runs = runs(&places);
             let (panel, height) = (panel_of(t), self.height(t));
@@ -159,7 +192,7 @@ impl<'a> Shape<'a> {
 
     /// Adds a child's update (its lower triangle) to supernode `s`: to its panel, and to `trailing` between the rows
     /// below.
-    pub fn extend_add(self, s: usize, panel: &mut [f64], trailing: &mut Mat<f64>, child: usize, update: &Mat<f64>) {
+    pub fn extend_add(&self, s: usize, panel: &mut [f64], trailing: &mut Mat<f64>, child: usize, update: &Mat<f64>) {
         let places = self.places(s, self.below(child));
         let runs = runs(&places);
         let (width, height) = (self.width(s), self.height(s));
@@ -179,18 +212,18 @@ impl<'a> Shape<'a> {
     }
 
     /// Where the entry between two steps, which must be on the pattern, lies among all values.
-    pub fn address(self, a: usize, b: usize) -> usize {
+    pub fn address(&self, a: usize, b: usize) -> usize {
         let (column, row) = (a.min(b), a.max(b));
-        let s = self.tree.owner[column];
-        let (first, end) = (self.symbolic.supernode_begin()[s], self.symbolic.supernode_end()[s]);
+        let s = self.owner[column];
+        let (first, end) = (self.begins[s], self.begins[s + 1]);
         let place =
             if row < end { row - first } else { end - first + self.below(s).partition_point(|&step| step < row) };
-        self.symbolic.col_ptr_for_val()[s] + (column - first) * self.height(s) + place
+        self.panels[s] + (column - first) * self.height(s) + place
     }
 
     /// Where each of the ascending `steps` lies among the rows of supernode `t`, which holds them all.
-    fn places(self, t: usize, steps: &[usize]) -> Vec<usize> {
-        let (first, end) = (self.symbolic.supernode_begin()[t], self.symbolic.supernode_end()[t]);
+    fn places(&self, t: usize, steps: &[usize]) -> Vec<usize> {
+        let (first, end) = (self.begins[t], self.begins[t + 1]);
         let below = self.below(t);
         let mut at = 0;
         let place = |&step: &usize| {
@@ -203,6 +236,17 @@ impl<'a> Shape<'a> {
             end - first + at
         };
         steps.iter().map(place).collect()
+    }
+
+    /// Whether the parent of a supernode has all rows below it that are not the parent's own, as a factor's have.
+    pub fn hands_on_all(&self, s: usize) -> bool {
+        let Some(parent) = self.parent(s) else { return true };
+        let (own, above) = (self.below(s), self.below(parent));
+        own.iter().all(|step| self.owner[*step] == parent || above.binary_search(step).is_ok())
+    }
+
+    fn is_closed(&self, range: &Range<usize>) -> bool {
+        range.clone().all(|s| self.children(s).iter().all(|child| *child >= range.start))
     }
 }
 

@@ -1,17 +1,19 @@
 //! Walks over the elimination tree by a team: from the leaves up, each supernode handing what is left of it to its parent
 //! (the multifrontal method, Duff and Reid 1983), and from the roots down.
 //!
-//! Branches do without each other, so each is one thread's; the top, where they meet, is walked by one, which shares its
-//! dense blocks' columns with the others. Every supernode adds up its children in their order, so the result is the same
-//! to the last bit however the branches were shared.
+//! Branches do without each other, so each is one thread's, here or elsewhere ([`super::abroad`]); the top, where they meet,
+//! is walked by one, which shares its dense blocks' columns with the others. Every supernode adds up its children in their
+//! order, so the result is the same to the last bit however the branches were shared.
 
 use std::ops::Range;
 
 use faer::Mat;
 
 use super::error::SparseError;
+use super::parcel::{Answer, Matter, Parcel, triangle};
+use super::shared::Post;
 use super::team::{Pace, Team};
-use super::tree::Shape;
+use super::tree::Tree;
 
 /// A supernode whose children have handed in their updates.
 pub(super) struct Front<'f> {
@@ -22,8 +24,40 @@ pub(super) struct Front<'f> {
     pub team: &'f Team,
 }
 
-/// Updates that no parent has taken yet.
-struct Updates {
+/// What a walk reads beside the values that it changes: the factor's, and the elimination's derivative; none where it does
+/// without.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Sources<'s> {
+    pub factor: &'s [f64],
+    pub derivative: &'s [f64],
+}
+
+impl<'s> Sources<'s> {
+    /// What a branch needs of them.
+    fn within(self, span: &Range<usize>) -> [&'s [f64]; 2] {
+        [self.factor, self.derivative].map(|all| all.get(span.clone()).unwrap_or_default())
+    }
+}
+
+/// What a walk up does with a front.
+pub(super) trait Upward: Sync {
+    fn visit(&self, tree: &Tree, front: Front<'_>) -> Result<(), SparseError>;
+
+    fn sources(&self) -> Sources<'_> {
+        Sources::default()
+    }
+}
+
+/// What a walk down does with a supernode: with the matrices between the rows below it, it fills its panels, of `K`
+/// matrices.
+pub(super) trait Downward<const K: usize>: Sync {
+    fn visit(&self, tree: &Tree, s: usize, trailing: [Mat<f64>; K], own: [&mut [f64]; K], team: &Team);
+
+    fn sources(&self) -> Sources<'_>;
+}
+
+/// Updates that no parent has taken yet, of a range of supernodes.
+pub(super) struct Updates {
     first: usize,
     own: Vec<Option<Mat<f64>>>,
 }
@@ -41,7 +75,7 @@ impl Updates {
         self.own[s - self.first].take()
     }
 
-    fn left(self) -> impl Iterator<Item = (usize, Mat<f64>)> {
+    pub fn left(self) -> impl Iterator<Item = (usize, Mat<f64>)> {
         let first = self.first;
         self.own.into_iter().enumerate().filter_map(move |(k, update)| Some((first + k, update?)))
     }
@@ -54,16 +88,16 @@ struct Cut<'v> {
 }
 
 impl<'v> Cut<'v> {
-    fn of(shape: Shape<'_>, values: &'v mut [f64]) -> Self {
+    fn of(tree: &Tree, values: &'v mut [f64]) -> Self {
         let mut cut = Self { branches: Vec::new(), top: Vec::new() };
-        let (mut rest, mut top) = (values, shape.tree.top().iter().copied().peekable());
-        for branch in shape.tree.branches() {
+        let (mut rest, mut top) = (values, tree.top().iter().copied().peekable());
+        for branch in tree.branches() {
             while let Some(s) = top.next_if(|&s| s < branch.start) {
-                cut.top.push(split(&mut rest, shape.span(s..s + 1).len()));
+                cut.top.push(split(&mut rest, tree.span(s..s + 1).len()));
             }
-            cut.branches.push(split(&mut rest, shape.span(branch.clone()).len()));
+            cut.branches.push(split(&mut rest, tree.span(branch.clone()).len()));
         }
-        cut.top.extend(top.map(|s| split(&mut rest, shape.span(s..s + 1).len())));
+        cut.top.extend(top.map(|s| split(&mut rest, tree.span(s..s + 1).len())));
         cut
     }
 }
@@ -74,93 +108,179 @@ fn split<'v>(rest: &mut &'v mut [f64], length: usize) -> &'v mut [f64] {
     own
 }
 
+/// One supernode on the way up: takes its children's updates, and leaves its own.
+fn step(
+    tree: &Tree,
+    (s, panel): (usize, &mut [f64]),
+    updates: &mut Updates,
+    pass: &impl Upward,
+    team: &Team,
+) -> Result<(), SparseError> {
+    let rows = tree.below(s).len();
+    let mut below = Mat::zeros(rows, rows);
+    for &child in tree.children(s) {
+        if let Some(update) = updates.take(child) {
+            tree.extend_add(s, panel, &mut below, child, &update);
+        }
+    }
+    pass.visit(tree, Front { s, panel, below: &mut below, team })?;
+    if rows > 0 {
+        updates.put(s, below);
+    }
+    Ok(())
+}
+
+/// A branch on the way up, and the updates that it hands on.
+pub(super) fn branch_up(
+    tree: &Tree,
+    branch: Range<usize>,
+    mut values: &mut [f64],
+    pass: &impl Upward,
+    pace: &Pace,
+) -> Result<Updates, SparseError> {
+    let mut updates = Updates::of(branch.clone());
+    for s in branch {
+        let panel = split(&mut values, tree.span(s..s + 1).len());
+        step(tree, (s, panel), &mut updates, pass, &Team::alone())?;
+        pace.step(tree.work(s))?;
+    }
+    Ok(updates)
+}
+
 /// Eliminates every supernode after its children. `go_on` is told how far it is and says whether to go on.
 pub(super) fn up(
-    shape: Shape<'_>,
+    tree: &Tree,
     values: &mut [f64],
     team: &Team,
     go_on: &dyn Fn(f64) -> bool,
-    eliminate: impl Fn(Front<'_>) -> Result<(), SparseError> + Sync,
+    pass: &impl Upward,
 ) -> Result<(), SparseError> {
-    let pace = Pace::of(shape.whole_work());
-    let cut = Cut::of(shape, values);
-    let step = |s: usize, panel: &mut [f64], updates: &mut Updates, team: &Team| {
-        let rows = shape.below(s).len();
-        let mut below = Mat::zeros(rows, rows);
-        for &child in shape.tree.children(s) {
-            if let Some(update) = updates.take(child) {
-                shape.extend_add(s, panel, &mut below, child, &update);
-            }
-        }
-        eliminate(Front { s, panel, below: &mut below, team })?;
-        if rows > 0 {
-            updates.put(s, below);
-        }
-        pace.step(shape.work(s))
+    type Item<'v> = (Range<usize>, &'v mut [f64]);
+    let pace = Pace::of(tree.whole_work());
+    let cut = Cut::of(tree, values);
+    let branches: Vec<Item<'_>> = tree.branches().iter().cloned().zip(cut.branches).collect();
+    let post = Post {
+        work: &|k| tree.work_of(tree.branches()[k].clone()),
+        parcel: &|(branch, values): &Item<'_>| {
+            let sources = pass.sources().within(&tree.span(branch.clone()));
+            Parcel::of(tree, branch.clone(), Matter::Up(values), sources)
+        },
+        accept: &|(branch, values): &mut Item<'_>, answer: Answer| accepted(tree, branch.clone(), values, &answer),
     };
-    let branches = shape.tree.branches().iter().cloned().zip(cut.branches).collect();
-    let alone = Team::default();
-    let handed = team.each_at_pace(branches, &pace, go_on, |(branch, mut values): (Range<usize>, &mut [f64])| {
-        let mut updates = Updates::of(branch.clone());
-        for s in branch {
-            step(s, split(&mut values, shape.span(s..s + 1).len()), &mut updates, &alone)?;
-        }
-        Ok(updates)
+    let handed = team.each_anywhere(branches, &pace, go_on, &post, |(branch, values): Item<'_>| {
+        branch_up(tree, branch, values, pass, &pace)
     })?;
-    let mut updates = Updates::of(0..shape.symbolic.n_supernodes());
+    let mut updates = Updates::of(0..tree.supernodes());
     handed.into_iter().flat_map(Updates::left).for_each(|(s, update)| updates.put(s, update));
-    for (&s, panel) in shape.tree.top().iter().zip(cut.top) {
-        step(s, panel, &mut updates, team)?;
+    for (&s, panel) in tree.top().iter().zip(cut.top) {
+        step(tree, (s, panel), &mut updates, pass, team)?;
+        pace.step(tree.work(s))?;
         pace.ask_at_times(go_on)?;
     }
     Ok(())
 }
 
+/// What another made of a branch: its panels, and what it hands on. None where the answer is not one to this question.
+fn accepted(tree: &Tree, branch: Range<usize>, values: &mut [f64], answer: &Answer) -> Option<Updates> {
+    let outside = |s: &usize| tree.parent(*s).is_some_and(|parent| !branch.contains(&parent));
+    let handing: Vec<usize> = branch.clone().filter(outside).collect();
+    let entries = handing.iter().map(|&s| triangle(tree.below(s).len())).sum::<usize>();
+    if answer.values.len() != values.len() || answer.handed_on.len() != entries {
+        return None;
+    }
+    values.copy_from_slice(&answer.values);
+    let (mut updates, mut rest) = (Updates::of(branch), &answer.handed_on[..]);
+    for s in handing {
+        let rows = tree.below(s).len();
+        let mut update = Mat::zeros(rows, rows);
+        for column in 0..rows {
+            let (own, others) = rest.split_at(rows - column);
+            update.col_as_slice_mut(column)[column..].copy_from_slice(own);
+            rest = others;
+        }
+        updates.put(s, update);
+    }
+    Some(updates)
+}
+
+/// A branch on the way down: of its panels, the values at the places `wanted`. `above` has the panels of those that own
+/// rows outside.
+pub(super) fn branch_down<'v, const K: usize>(
+    tree: &Tree,
+    branch: Range<usize>,
+    above: &(impl Fn(usize, usize) -> &'v [f64] + Sync),
+    wanted: &[u32],
+    pass: &impl Downward<K>,
+    pace: &Pace,
+) -> Result<Vec<[f64; K]>, SparseError> {
+    let mut own = zeros::<K>(tree, branch.clone());
+    let first = tree.span(branch.clone()).start;
+    let within = |s: usize| {
+        let span = tree.span(s..s + 1);
+        span.start - first..span.end - first
+    };
+    for s in branch.clone().rev() {
+        let trailing = std::array::from_fn(|k| {
+            tree.trailing(s, |t| match branch.contains(&t) {
+                true => &own[k][within(t)],
+                false => above(t, k),
+            })
+        });
+        pass.visit(tree, s, trailing, own.each_mut().map(|own| &mut own[within(s)]), &Team::alone());
+        pace.step(tree.work(s))?;
+    }
+    Ok(at(wanted, own.each_ref().map(|own| &own[..])))
+}
+
 /// Visits every supernode before its children, with the matrices between the rows below it and its panels, of `K`
 /// matrices at once, which begin at zero. What is not asked for again is not held: nobody but a branch itself reads its
-/// panels, so they are let go once `keep` has taken what it wants of them. It is asked for the branches in their order,
-/// then for each supernode of the top. `go_on` as in [`up`].
-pub(super) fn down<const K: usize, R: Send>(
-    shape: Shape<'_>,
+/// panels, so they are let go once what is wanted of them was taken: the values at these places of the branches in their
+/// order, then of each supernode of the top. `go_on` as in [`up`].
+pub(super) fn down<'w, const K: usize>(
+    tree: &Tree,
     team: &Team,
     go_on: &dyn Fn(f64) -> bool,
-    visit: impl Fn(usize, [Mat<f64>; K], [&mut [f64]; K], &Team) + Sync,
-    keep: impl Fn(Range<usize>, [&[f64]; K]) -> R + Sync,
-) -> Result<Vec<R>, SparseError> {
-    let pace = Pace::of(shape.whole_work());
-    let zeros = |supernodes: Range<usize>| -> [Vec<f64>; K] {
-        std::array::from_fn(|_| vec![0.0; shape.span(supernodes.clone()).len()])
-    };
-    let list = shape.tree.top();
-    let mut top: Vec<[Vec<f64>; K]> = list.iter().map(|&s| zeros(s..s + 1)).collect();
+    pass: &impl Downward<K>,
+    wanted: &(impl Fn(Range<usize>) -> &'w [u32] + Sync),
+) -> Result<Vec<Vec<[f64; K]>>, SparseError> {
+    let pace = Pace::of(tree.whole_work());
+    let list = tree.top();
+    let mut top: Vec<[Vec<f64>; K]> = list.iter().map(|&s| zeros(tree, s..s + 1)).collect();
     for (at, &s) in list.iter().enumerate().rev() {
         let (below, above) = top.split_at_mut(at + 1);
         let of_top = |t: usize, k: usize| list[at + 1..].binary_search(&t).map_or(&[][..], |t| &above[t][k][..]);
-        let trailing = std::array::from_fn(|k| shape.trailing(s, |t| of_top(t, k)));
-        visit(s, trailing, below[at].each_mut().map(|own| &mut own[..]), team);
-        pace.step(shape.work(s))?;
+        let trailing = std::array::from_fn(|k| tree.trailing(s, |t| of_top(t, k)));
+        pass.visit(tree, s, trailing, below[at].each_mut().map(|own| &mut own[..]), team);
+        pace.step(tree.work(s))?;
         pace.ask_at_times(go_on)?;
     }
-    let alone = Team::default();
-    let mut kept = team.each_at_pace(shape.tree.branches().to_vec(), &pace, go_on, |branch: Range<usize>| {
-        let mut own = zeros(branch.clone());
-        let first = shape.span(branch.clone()).start;
-        let within = |s: usize| {
-            let span = shape.span(s..s + 1);
-            span.start - first..span.end - first
-        };
-        for s in branch.clone().rev() {
-            let trailing = std::array::from_fn(|k| {
-                shape.trailing(s, |t| match branch.contains(&t) {
-                    true => &own[k][within(t)],
-                    false => list.binary_search(&t).map_or(&[][..], |at| &top[at][k]),
-                })
-            });
-            visit(s, trailing, own.each_mut().map(|own| &mut own[within(s)]), &alone);
-            pace.step(shape.work(s))?;
-        }
-        Ok(keep(branch, own.each_ref().map(|own| &own[..])))
+    let above = |t: usize, k: usize| list.binary_search(&t).map_or(&[][..], |at| &top[at][k][..]);
+    let post = Post {
+        work: &|k| tree.work_of(tree.branches()[k].clone()),
+        parcel: &|branch: &Range<usize>| {
+            let sources = pass.sources().within(&tree.span(branch.clone()));
+            let matter = Matter::Down { above: &above, matrices: K, wanted: wanted(branch.clone()) };
+            Parcel::of(tree, branch.clone(), matter, sources)
+        },
+        accept: &|branch: &mut Range<usize>, answer: Answer| {
+            let count = wanted(branch.clone()).len();
+            let (values, rest) = answer.values.as_chunks::<K>();
+            (values.len() == count && rest.is_empty()).then(|| values.to_vec())
+        },
+    };
+    let mut kept = team.each_anywhere(tree.branches().to_vec(), &pace, go_on, &post, |branch: Range<usize>| {
+        let places = wanted(branch.clone());
+        branch_down(tree, branch, &above, places, pass, &pace)
     })?;
-    kept.extend(list.iter().zip(&top).map(|(&s, own)| keep(s..s + 1, own.each_ref().map(|own| &own[..]))));
+    kept.extend(list.iter().zip(&top).map(|(&s, own)| at(wanted(s..s + 1), own.each_ref().map(|own| &own[..]))));
     Ok(kept)
+}
+
+fn zeros<const K: usize>(tree: &Tree, supernodes: Range<usize>) -> [Vec<f64>; K] {
+    std::array::from_fn(|_| vec![0.0; tree.span(supernodes.clone()).len()])
+}
+
+/// The values at these places.
+fn at<const K: usize>(places: &[u32], values: [&[f64]; K]) -> Vec<[f64; K]> {
+    places.iter().map(|&place| values.map(|own| own[place as usize])).collect()
 }
