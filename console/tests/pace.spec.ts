@@ -1,6 +1,6 @@
 // How fast large maps are there, and whether panning stalls: the Intel Research Lab, whose fit began with the tests, and a
 // building of a hundred thousand control points. Signed in continuous integration; PACE_BUILDING=vdf makes it a vector
-// map, which takes minutes to fit: PACE_BUILDING=vdf npm run e2e -- pace
+// map, which takes minutes to fit: PACE_BUILDING=vdf npm run e2e -- --no-deps pace
 
 import { type Page } from "@playwright/test";
 import { ask, finished } from "./api";

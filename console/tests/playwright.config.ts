@@ -13,15 +13,17 @@ export default defineConfig({
   timeout: 120_000,
   expect: { timeout: 30_000 },
   retries: 0,
-  workers: 1,
+  // Two browsers, each with files of its own; what is timed has the machine to itself, when all else is done.
+  workers: 2,
   fullyParallel: false,
   forbidOnly: Boolean(process.env["CI"]),
   reporter: [["list"]],
   globalSetup: "./setup.ts",
   projects: [
-    { name: "console", testIgnore: "pace.spec.ts" },
+    { name: "console", testIgnore: ["many.spec.ts", "pace.spec.ts"] },
+    { name: "many", testMatch: "many.spec.ts", dependencies: ["console"] },
     // Waits for a building's fit, which runs beside the others.
-    { name: "pace", testMatch: "pace.spec.ts", dependencies: [] },
+    { name: "pace", testMatch: "pace.spec.ts", dependencies: ["many"] },
   ],
   use: {
     launchOptions: {
