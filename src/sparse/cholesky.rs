@@ -23,6 +23,7 @@ use faer::sparse::linalg::cholesky::{
 use faer::{Conj, MatMut, Par, Side};
 
 use super::dense::{accumulate_lower, factorise};
+use super::division::Division;
 use super::error::{LARGEST_FACTOR, SparseError};
 use super::pattern::Pattern;
 use super::system::Symmetric;
@@ -38,6 +39,7 @@ pub struct Cholesky {
     pattern: Arc<Pattern>,
     symbolic: SymbolicCholesky<usize>,
     tree: Tree,
+    division: Division,
     /// Where the pattern's entries lie among the values.
     addresses: Vec<u32>,
     values: Vec<f64>,
@@ -75,17 +77,31 @@ impl Cholesky {
         let SymbolicCholeskyRaw::Supernodal(supernodal) = symbolic.raw() else {
             return Err(SparseError::Setup("the factor has no supernodes".into()));
         };
-        let tree = Tree::of(supernodal, pattern.branches());
+        let tree = Tree::of(supernodal);
+        let division = Division::fine(&tree, pattern.branches());
         // A factor's entries are fewer than 2^32: see `LARGEST_FACTOR`.
         let address = |(row, column, _): (usize, usize, usize)| tree.address(inverse[row], inverse[column]) as u32;
         let addresses = pattern.entries().map(address).collect();
         let values = vec![0.0; symbolic.len_val()];
-        Ok(Self { pattern: pattern.clone(), symbolic, tree, addresses, values, scratch, team: Team::default() })
+        Ok(Self {
+            pattern: pattern.clone(),
+            symbolic,
+            tree,
+            division,
+            addresses,
+            values,
+            scratch,
+            team: Team::default(),
+        })
     }
 
     /// With a team that factorises, and inverts what it factorised.
     pub fn with_team(self, team: Team) -> Self {
-        Self { team, ..self }
+        let division = match team.is_small() {
+            true => Division::coarse(&self.tree),
+            false => Division::fine(&self.tree, self.pattern.branches()),
+        };
+        Self { team, division, ..self }
     }
 
     pub(super) fn team(&self) -> &Team {
@@ -105,7 +121,7 @@ impl Cholesky {
         let mut values = std::mem::take(&mut self.values);
         values.fill(0.0);
         self.addresses.iter().zip(matrix.lower()).for_each(|(at, value)| values[*at as usize] = value);
-        let outcome = up(&self.tree, &mut values, &self.team, &|_| true, &Elimination);
+        let outcome = up((&self.tree, &self.division), &mut values, &self.team, &|_| true, &Elimination);
         self.values = values;
         outcome
     }
@@ -192,6 +208,11 @@ impl Cholesky {
     /// Where its entries lie.
     pub(super) fn tree(&self) -> &Tree {
         &self.tree
+    }
+
+    /// How it is divided among those who factorise.
+    pub(super) fn division(&self) -> &Division {
+        &self.division
     }
 
     fn pivots(&self) -> impl Iterator<Item = f64> + '_ {

@@ -30,6 +30,7 @@ use faer::{Mat, MatMut, MatRef};
 
 use super::cholesky::Cholesky;
 use super::dense::{accumulate, accumulate_lower, inverse, mirror, product, solve_lower_transposed};
+use super::division::Division;
 use super::error::SparseError;
 use super::system::SystemMatrix;
 use super::team::Team;
@@ -40,7 +41,9 @@ use super::walk::{Downward, Front, Sources, Upward, down, up};
 pub fn selected_inverse(cholesky: &Cholesky, go_on: &dyn Fn(f64) -> bool) -> Result<SystemMatrix, SparseError> {
     let entries = Entries::of(cholesky);
     let pass = Inverse { factor: cholesky.values() };
-    let kept = down(cholesky.tree(), cholesky.team(), go_on, &pass, &|holder| entries.of_holder(holder))?;
+    let kept = down((cholesky.tree(), cholesky.division()), cholesky.team(), go_on, &pass, &|holder| {
+        entries.of_holder(holder)
+    })?;
     let [z] = entries.together(kept);
     Ok(z)
 }
@@ -56,7 +59,9 @@ pub fn selected_sandwich(
     let rest = |share| go_on(SHARE_OF_ELIMINATION + (1.0 - SHARE_OF_ELIMINATION) * share);
     let entries = Entries::of(cholesky);
     let pass = Sandwich { factor: cholesky.values(), derivative: &derivative };
-    let kept = down(cholesky.tree(), cholesky.team(), &rest, &pass, &|holder| entries.of_holder(holder))?;
+    let kept = down((cholesky.tree(), cholesky.division()), cholesky.team(), &rest, &pass, &|holder| {
+        entries.of_holder(holder)
+    })?;
     drop(derivative);
     let [z, sandwich] = entries.together(kept);
     Ok((z, sandwich))
@@ -150,7 +155,7 @@ pub(super) fn eliminate_derivative(
     for (row, column, value) in g.pair_entries() {
         values[tree.address(steps[row], steps[column])] = value;
     }
-    up(tree, &mut values, cholesky.team(), go_on, &Derivative { factor: cholesky.values() })?;
+    up((tree, cholesky.division()), &mut values, cholesky.team(), go_on, &Derivative { factor: cholesky.values() })?;
     Ok(values)
 }
 
@@ -203,7 +208,8 @@ struct Entries<'a> {
 impl<'a> Entries<'a> {
     fn of(cholesky: &'a Cholesky) -> Self {
         let tree = cholesky.tree();
-        let holders = tree.branches().iter().cloned().chain(tree.top().iter().map(|&s| s..s + 1));
+        let Division { branches, top } = cholesky.division();
+        let holders = branches.iter().cloned().chain(top.iter().map(|&s| s..s + 1));
         let holders: Vec<_> = holders.map(|own| (own.start, tree.span(own))).collect();
         let mut entries = Self { cholesky, places: vec![Vec::new(); holders.len()], holders };
         let mut places = std::mem::take(&mut entries.places);
@@ -308,11 +314,11 @@ pub(super) mod tests {
         let pattern = seen_place();
         let (h, g) = (random_spd(&pattern, 5, 0.3), random_spd(&pattern, 105, 0.0));
         let dense = h.to_dense().llt(faer::Side::Lower).unwrap().inverse();
-        let all = [1, 2, 3].map(|threads| {
+        let all = [(1, 2), (3, 2), (6, 6)].map(|(threads, least)| {
             let team = Team::of(std::num::NonZero::new(threads).unwrap());
             let mut cholesky = Cholesky::analyse(&pattern).unwrap().with_team(team);
-            let branches = cholesky.tree().branches().len();
-            assert!(branches > 5, "{branches} of {:?}", pattern.branches());
+            let branches = cholesky.division().branches.len();
+            assert!(branches >= least, "{branches} of {:?}", pattern.branches());
             assert!(cholesky.tree().whole_work() > 5e7, "too small to be shared");
             cholesky.factorise(&h).unwrap();
             let mut x: Vec<f64> = (0..pattern.dimension()).map(|k| (k as f64).cos()).collect();

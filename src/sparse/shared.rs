@@ -9,7 +9,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use super::abroad::Offer;
 use super::error::SparseError;
 use super::parcel::{Answer, Parcel};
-use super::team::{End, LOOK, Pace, Team, Told, all_or_why_not, joined};
+use super::team::{Pace, Team, Told, all_or_why_not, pause, watched};
 
 /// How branches become parcels, and answers results.
 pub(super) struct Post<'p, T, R> {
@@ -108,24 +108,15 @@ impl Team {
         let slots: Vec<Slot<T, R>> = items.into_iter().map(Slot::of).collect();
         let here = || {
             while pass_by(&slots, &*offer, pace, &told, &work) {
-                std::thread::sleep(LOOK);
+                pause();
             }
         };
-        let (ended, watcher, here) = (AtomicBool::new(false), std::thread::current(), &here);
-        std::thread::scope(|scope| {
-            let end = End { ended: &ended, watcher };
-            let busy = scope.spawn(move || {
-                let _told_even_by_a_panic = end;
-                Self::threads(count).each(vec![(); count], |()| here());
-            });
-            while !ended.load(Ordering::Acquire) {
-                // Told to stop, the threads end by themselves.
-                if pace.ask(go_on).is_ok() {
-                    correspond(&slots, &*offer, pace, &told, post);
-                }
-                std::thread::park_timeout(LOOK);
+        let crew = || Self::threads(count).each(vec![(); count], |()| here());
+        watched(crew, || {
+            // Told to stop, the threads end by themselves.
+            if pace.ask(go_on).is_ok() {
+                correspond(&slots, &*offer, pace, &told, post);
             }
-            joined(busy);
         });
         drop(offer);
         all_or_why_not(slots.into_iter().map(Slot::outcome).collect())

@@ -4,6 +4,7 @@
 //! needs what its children hand on, the update between the rows below them (Duff and Reid 1983), and nothing else.
 
 use super::cholesky::Cholesky;
+use super::division::Division;
 
 /// A branch, or a supernode above the branches.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,8 +25,9 @@ impl Cholesky {
     /// The tasks of a factorisation, children before parents.
     pub fn tasks(&self) -> Vec<Task> {
         let tree = self.tree();
-        let branches = tree.branches().iter().map(|range| (range.clone(), true));
-        let mut groups: Vec<_> = branches.chain(tree.top().iter().map(|&s| (s..s + 1, false))).collect();
+        let Division { branches, top } = self.division();
+        let branches = branches.iter().map(|range| (range.clone(), true));
+        let mut groups: Vec<_> = branches.chain(top.iter().map(|&s| (s..s + 1, false))).collect();
         groups.sort_by_key(|(range, _)| range.start);
         let task_of = |s: usize| groups.partition_point(|(range, _)| range.start <= s) - 1;
         let tasks = groups.iter().map(|(range, branch)| {
@@ -60,7 +62,7 @@ mod tests {
         let tree = cholesky.tree();
         let work: f64 = tasks.iter().map(|task| task.work).sum();
         assert!((work / tree.whole_work() - 1.0).abs() < 1e-12);
-        assert_eq!(tasks.iter().filter(|task| task.branch).count(), tree.branches().len());
+        assert_eq!(tasks.iter().filter(|task| task.branch).count(), cholesky.division().branches.len());
         for (k, task) in tasks.iter().enumerate() {
             assert!(task.needed_by.iter().all(|&parent| parent > k && !tasks[parent].branch));
             assert_eq!(task.update == 0, task.needed_by.is_empty());

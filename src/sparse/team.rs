@@ -14,14 +14,18 @@ use super::abroad::Abroad;
 use super::error::SparseError;
 
 /// How often a team that works is told from outside whether to go on.
-pub(super) const LOOK: Duration = Duration::from_millis(20);
+const LOOK: Duration = Duration::from_millis(20);
 /// What takes fewer multiply-adds is done almost before a thread has been started.
 const SMALL: f64 = 1e7;
+/// A team of more threads than this is no small one.
+const SMALL_TEAM: usize = 4;
 /// Work between two questions whether to go on, in multiply-adds.
 const BREATH: u64 = 100_000_000;
 
 /// Who has threads to lend.
 pub trait Lender: Send + Sync {
+    /// How many threads there are to lend, whoever has them now.
+    fn count(&self) -> usize;
     /// Lends so many threads at most; `give_back` is told of as many.
     fn lend(&self, most: usize) -> usize;
     fn give_back(&self, count: usize);
@@ -54,6 +58,10 @@ impl fmt::Debug for Team {
 struct Fixed(usize);
 
 impl Lender for Fixed {
+    fn count(&self) -> usize {
+        self.0
+    }
+
     fn lend(&self, most: usize) -> usize {
         most.min(self.0)
     }
@@ -103,6 +111,11 @@ impl Team {
         Self { abroad: Some(abroad), ..self }
     }
 
+    /// Whether it has few threads: for them a few large branches are better than a large top.
+    pub(super) fn is_small(&self) -> bool {
+        self.lender.as_deref().map_or(0, Lender::count) < SMALL_TEAM
+    }
+
     pub(super) fn abroad(&self) -> Option<&dyn Abroad> {
         self.abroad.as_deref()
     }
@@ -150,20 +163,12 @@ impl Team {
         }
         let loan = self.borrow(items.len());
         let crew = Self::threads(loan.as_ref().map_or(1, |loan| loan.count + 1));
-        let (ended, watcher, work) = (AtomicBool::new(false), std::thread::current(), &work);
-        std::thread::scope(|scope| {
-            let end = End { ended: &ended, watcher };
-            let busy = scope.spawn(move || {
-                let _told_even_by_a_panic = end;
-                crew.each(items, work)
-            });
-            while !ended.load(Ordering::Acquire) {
-                // Told to stop, the items end by themselves.
-                let _ = pace.ask(go_on);
-                std::thread::park_timeout(LOOK);
-            }
-            all_or_why_not(joined(busy))
-        })
+        let work = &work;
+        let watch = || {
+            // Told to stop, the items end by themselves.
+            let _ = pace.ask(go_on);
+        };
+        all_or_why_not(watched(move || crew.each(items, work), watch))
     }
 
     /// Who is told how far the branches are, so many.
@@ -202,10 +207,32 @@ impl Told<'_> {
     }
 }
 
+/// Does work on a thread of its own, while the caller's watches.
+pub(super) fn watched<R: Send>(work: impl FnOnce() -> R + Send, mut watch: impl FnMut()) -> R {
+    let (ended, watcher) = (AtomicBool::new(false), std::thread::current());
+    std::thread::scope(|scope| {
+        let end = End { ended: &ended, watcher };
+        let busy = scope.spawn(move || {
+            let _told_even_by_a_panic = end;
+            work()
+        });
+        while !ended.load(Ordering::Acquire) {
+            watch();
+            std::thread::park_timeout(LOOK);
+        }
+        joined(busy)
+    })
+}
+
+/// Waits for what others do.
+pub(super) fn pause() {
+    std::thread::sleep(LOOK);
+}
+
 /// Wakes whoever watches, once work has ended.
-pub(super) struct End<'a> {
-    pub ended: &'a AtomicBool,
-    pub watcher: std::thread::Thread,
+struct End<'a> {
+    ended: &'a AtomicBool,
+    watcher: std::thread::Thread,
 }
 
 impl Drop for End<'_> {
@@ -229,7 +256,7 @@ fn next<T>(queue: &Mutex<impl Iterator<Item = T>>) -> Option<T> {
 }
 
 /// A thread's outcome; its panic goes on in this one.
-pub(super) fn joined<R>(thread: std::thread::ScopedJoinHandle<'_, R>) -> R {
+fn joined<R>(thread: std::thread::ScopedJoinHandle<'_, R>) -> R {
     thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
@@ -343,6 +370,9 @@ mod tests {
     fn a_lender_gets_back_what_it_lent() {
         struct Counted(AtomicU64);
         impl Lender for Counted {
+            fn count(&self) -> usize {
+                2
+            }
             fn lend(&self, most: usize) -> usize {
                 self.0.fetch_add(most.min(2) as u64, Ordering::Relaxed);
                 most.min(2)

@@ -1,5 +1,4 @@
-//! The elimination tree of a supernodal factor: which supernode hands its update to which, where entries lie, and which
-//! parts of the tree do without the others.
+//! The elimination tree of a supernodal factor: which supernode hands its update to which, and where entries lie.
 //!
 //! A supernode's columns share their rows, so they lie in one dense panel, column by column: its pivot rows, then the rows
 //! below, whose matrix among themselves lies in the panels of supernodes eliminated later. [`Tree::trailing`] gathers that
@@ -28,15 +27,10 @@ pub(super) struct Tree {
     /// Where each supernode's children begin among all children; ascending.
     starts: Vec<usize>,
     children: Vec<usize>,
-    /// Ranges of supernodes, each with all that hand updates to it.
-    branches: Vec<Range<usize>>,
-    /// The supernodes that are in none, ascending.
-    top: Vec<usize>,
 }
 
 impl Tree {
-    /// `branches` are ranges of steps that are eliminated without the rest.
-    pub fn of(symbolic: &SymbolicSupernodalCholesky<usize>, branches: &[Range<usize>]) -> Self {
+    pub fn of(symbolic: &SymbolicSupernodalCholesky<usize>) -> Self {
         let count = symbolic.n_supernodes();
         let mut begins = symbolic.supernode_begin().to_vec();
         begins.push(symbolic.nrows());
@@ -45,24 +39,10 @@ impl Tree {
             rows.extend_from_slice(symbolic.supernode(s).pattern());
             row_starts.push(rows.len());
         }
-        let mut tree = Self::of_supernodes(begins, row_starts, rows);
-        let whole = |steps: &Range<usize>| {
-            let first = tree.begins[..count].partition_point(|&begin| begin < steps.start);
-            first..tree.begins[1..].partition_point(|&end| end <= steps.end)
-        };
-        let own = branches.iter().map(whole).filter(|range| !range.is_empty() && tree.is_closed(range));
-        tree.branches = own.collect();
-        tree.top.clear();
-        let mut next = 0;
-        for branch in &tree.branches {
-            tree.top.extend(next..branch.start);
-            next = branch.end;
-        }
-        tree.top.extend(next..count);
-        tree
+        Self::of_supernodes(begins, row_starts, rows)
     }
 
-    /// Of supernodes by their first steps, with the number of steps at the end, and by the rows below them; no branches.
+    /// Of supernodes by their first steps, with the number of steps at the end, and by the rows below them.
     pub fn of_supernodes(begins: Vec<usize>, row_starts: Vec<usize>, rows: Vec<usize>) -> Self {
         let count = begins.len() - 1;
         let mut owner = vec![0; begins[count]];
@@ -83,8 +63,7 @@ impl Tree {
                 next[parent] += 1;
             }
         }
-        let (branches, top) = (Vec::new(), (0..count).collect());
-        Self { begins, row_starts, rows, panels, owner, starts, children, branches, top }
+        Self { begins, row_starts, rows, panels, owner, starts, children }
     }
 
     pub fn supernodes(&self) -> usize {
@@ -102,14 +81,6 @@ impl Tree {
     /// Who takes a supernode's update: the owner of the first row below it.
     pub fn parent(&self, s: usize) -> Option<usize> {
         self.below(s).first().map(|&step| self.owner[step])
-    }
-
-    pub fn branches(&self) -> &[Range<usize>] {
-        &self.branches
-    }
-
-    pub fn top(&self) -> &[usize] {
-        &self.top
     }
 
     /// The steps that supernodes eliminate.
@@ -245,7 +216,15 @@ impl Tree {
         own.iter().all(|step| self.owner[*step] == parent || above.binary_search(step).is_ok())
     }
 
-    fn is_closed(&self, range: &Range<usize>) -> bool {
+    /// The supernodes that eliminate these steps and no others.
+    pub fn within(&self, steps: &Range<usize>) -> Range<usize> {
+        let count = self.supernodes();
+        let first = self.begins[..count].partition_point(|&begin| begin < steps.start);
+        first..self.begins[1..].partition_point(|&end| end <= steps.end)
+    }
+
+    /// Whether a range of supernodes has all that hand updates to it.
+    pub fn is_closed(&self, range: &Range<usize>) -> bool {
         range.clone().all(|s| self.children(s).iter().all(|child| *child >= range.start))
     }
 }

@@ -9,11 +9,16 @@ use std::ops::Range;
 
 use faer::Mat;
 
+use super::division::Division;
 use super::error::SparseError;
-use super::parcel::{Answer, Matter, Parcel, triangle};
+use super::packing::Matter;
+use super::parcel::{Answer, Parcel, triangle};
 use super::shared::Post;
 use super::team::{Pace, Team};
 use super::tree::Tree;
+
+/// A tree, and how it is divided among those who walk it.
+pub(super) type Divided<'d> = (&'d Tree, &'d Division);
 
 /// A supernode whose children have handed in their updates.
 pub(super) struct Front<'f> {
@@ -88,10 +93,10 @@ struct Cut<'v> {
 }
 
 impl<'v> Cut<'v> {
-    fn of(tree: &Tree, values: &'v mut [f64]) -> Self {
+    fn of((tree, division): Divided<'_>, values: &'v mut [f64]) -> Self {
         let mut cut = Self { branches: Vec::new(), top: Vec::new() };
-        let (mut rest, mut top) = (values, tree.top().iter().copied().peekable());
-        for branch in tree.branches() {
+        let (mut rest, mut top) = (values, division.top.iter().copied().peekable());
+        for branch in &division.branches {
             while let Some(s) = top.next_if(|&s| s < branch.start) {
                 cut.top.push(split(&mut rest, tree.span(s..s + 1).len()));
             }
@@ -149,7 +154,7 @@ pub(super) fn branch_up(
 
 /// Eliminates every supernode after its children. `go_on` is told how far it is and says whether to go on.
 pub(super) fn up(
-    tree: &Tree,
+    (tree, division): Divided<'_>,
     values: &mut [f64],
     team: &Team,
     go_on: &dyn Fn(f64) -> bool,
@@ -157,10 +162,10 @@ pub(super) fn up(
 ) -> Result<(), SparseError> {
     type Item<'v> = (Range<usize>, &'v mut [f64]);
     let pace = Pace::of(tree.whole_work());
-    let cut = Cut::of(tree, values);
-    let branches: Vec<Item<'_>> = tree.branches().iter().cloned().zip(cut.branches).collect();
+    let cut = Cut::of((tree, division), values);
+    let branches: Vec<Item<'_>> = division.branches.iter().cloned().zip(cut.branches).collect();
     let post = Post {
-        work: &|k| tree.work_of(tree.branches()[k].clone()),
+        work: &|k| tree.work_of(division.branches[k].clone()),
         parcel: &|(branch, values): &Item<'_>| {
             let sources = pass.sources().within(&tree.span(branch.clone()));
             Parcel::of(tree, branch.clone(), Matter::Up(values), sources)
@@ -172,7 +177,7 @@ pub(super) fn up(
     })?;
     let mut updates = Updates::of(0..tree.supernodes());
     handed.into_iter().flat_map(Updates::left).for_each(|(s, update)| updates.put(s, update));
-    for (&s, panel) in tree.top().iter().zip(cut.top) {
+    for (&s, panel) in division.top.iter().zip(cut.top) {
         step(tree, (s, panel), &mut updates, pass, team)?;
         pace.step(tree.work(s))?;
         pace.ask_at_times(go_on)?;
@@ -237,14 +242,14 @@ pub(super) fn branch_down<'v, const K: usize>(
 /// panels, so they are let go once what is wanted of them was taken: the values at these places of the branches in their
 /// order, then of each supernode of the top. `go_on` as in [`up`].
 pub(super) fn down<'w, const K: usize>(
-    tree: &Tree,
+    (tree, division): Divided<'_>,
     team: &Team,
     go_on: &dyn Fn(f64) -> bool,
     pass: &impl Downward<K>,
     wanted: &(impl Fn(Range<usize>) -> &'w [u32] + Sync),
 ) -> Result<Vec<Vec<[f64; K]>>, SparseError> {
     let pace = Pace::of(tree.whole_work());
-    let list = tree.top();
+    let list = &division.top;
     let mut top: Vec<[Vec<f64>; K]> = list.iter().map(|&s| zeros(tree, s..s + 1)).collect();
     for (at, &s) in list.iter().enumerate().rev() {
         let (below, above) = top.split_at_mut(at + 1);
@@ -256,7 +261,7 @@ pub(super) fn down<'w, const K: usize>(
     }
     let above = |t: usize, k: usize| list.binary_search(&t).map_or(&[][..], |at| &top[at][k][..]);
     let post = Post {
-        work: &|k| tree.work_of(tree.branches()[k].clone()),
+        work: &|k| tree.work_of(division.branches[k].clone()),
         parcel: &|branch: &Range<usize>| {
             let sources = pass.sources().within(&tree.span(branch.clone()));
             let matter = Matter::Down { above: &above, matrices: K, wanted: wanted(branch.clone()) };
@@ -268,7 +273,7 @@ pub(super) fn down<'w, const K: usize>(
             (values.len() == count && rest.is_empty()).then(|| values.to_vec())
         },
     };
-    let mut kept = team.each_anywhere(tree.branches().to_vec(), &pace, go_on, &post, |branch: Range<usize>| {
+    let mut kept = team.each_anywhere(division.branches.clone(), &pace, go_on, &post, |branch: Range<usize>| {
         let places = wanted(branch.clone());
         branch_down(tree, branch, &above, places, pass, &pace)
     })?;

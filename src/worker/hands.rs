@@ -3,7 +3,7 @@
 //! A solver that claims a job while its thread is lent begins at once: for a moment there is a thread more than solvers. A
 //! pass over the elimination tree is short beside a fit, and whoever borrowed asks anew before the next.
 
-use std::sync::atomic::{AtomicIsize, Ordering};
+use std::sync::atomic::{AtomicIsize, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::jobs::{Parts, Progress};
@@ -12,14 +12,31 @@ use crate::sparse::{self, Lender};
 /// How many solvers wait for work; less than none where those lent were called back.
 pub(super) struct Hands {
     idle: AtomicIsize,
+    /// Jobs in parts that run in this process.
+    divided: AtomicUsize,
+    /// Solvers there are.
+    solvers: AtomicUsize,
 }
+
+/// A job in parts, while it runs.
+pub(super) struct Divided<'a>(&'a Hands);
 
 /// A solver at work; it waits again once this is dropped.
 pub(super) struct AtWork<'a>(&'a Hands);
 
 impl Hands {
     pub fn none() -> Self {
-        Self { idle: AtomicIsize::new(0) }
+        Self { idle: AtomicIsize::new(0), divided: AtomicUsize::new(0), solvers: AtomicUsize::new(0) }
+    }
+
+    /// So many solvers are there, and wait.
+    pub fn arrive(&self, count: usize) {
+        self.solvers.fetch_add(count, Ordering::Relaxed);
+        self.join(count);
+    }
+
+    pub fn solvers(&self) -> usize {
+        self.solvers.load(Ordering::Relaxed)
     }
 
     /// So many more solvers wait.
@@ -30,6 +47,16 @@ impl Hands {
     pub fn at_work(&self) -> AtWork<'_> {
         self.idle.fetch_sub(1, Ordering::Relaxed);
         AtWork(self)
+    }
+
+    /// Whether a job in parts runs here.
+    pub fn divide(&self) -> bool {
+        self.divided.load(Ordering::Relaxed) > 0
+    }
+
+    pub fn divided(&self) -> Divided<'_> {
+        self.divided.fetch_add(1, Ordering::Relaxed);
+        Divided(self)
     }
 
     fn lend(&self, most: usize) -> usize {
@@ -45,6 +72,12 @@ impl Drop for AtWork<'_> {
     }
 }
 
+impl Drop for Divided<'_> {
+    fn drop(&mut self) {
+        self.0.divided.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
 /// What one job borrows; where it is fitted in parts, its progress says how far they are.
 pub(super) struct Borrower {
     pub hands: Arc<Hands>,
@@ -52,6 +85,10 @@ pub(super) struct Borrower {
 }
 
 impl Lender for Borrower {
+    fn count(&self) -> usize {
+        self.hands.solvers().saturating_sub(1)
+    }
+
     fn lend(&self, most: usize) -> usize {
         self.hands.lend(most)
     }
