@@ -1,7 +1,7 @@
 //! Where jobs and maps are kept: [`Records`] of what there is, [`Artifacts`] for the maps' arrays.
 //!
 //! Records are a port for each of their users: clients submit and read by the [`JobBoard`] and the [`MapShelf`], publish
-//! by [`Places`]; workers hold jobs by [`Leases`]; a service keeps its [`Housekeeping`], [`Keys`] and [`Webhooks`]; all of it
+//! by [`Places`]; workers hold jobs by [`Leases`] and share large ones by the [`PartBoard`]; a service keeps its [`Housekeeping`], [`Keys`] and [`Webhooks`]; all of it
 //! goes out and in by [`Backup`]. What is decided (how often a job is begun, what a lapsed one comes to) is decided in [`crate::jobs::lifecycle`].
 //!
 //! The promises, which every implementation keeps and one conformance suite checks:
@@ -20,6 +20,7 @@ mod housekeeping;
 mod intake;
 mod keys;
 mod leases;
+mod parts;
 mod places;
 mod postgres;
 mod rows;
@@ -36,6 +37,7 @@ pub use board::{Cancellation, JobBoard, Listing, NewJob, Quota, Relabelling, Rem
 pub use housekeeping::{Holdings, Housekeeping, Judge, LIGHT, Total, Totals, Written};
 pub use keys::{ApiKey, Keys, NewKey};
 pub use leases::{Claim, Leases, Terms};
+pub use parts::{Hold, Part, PartBoard, Pass, Standing};
 pub use places::{Guard, Place, Places, Publication};
 pub use postgres::PostgresStore;
 pub use shelf::{MapRemoval, MapShelf};
@@ -59,6 +61,6 @@ pub enum StoreError {
 }
 
 /// All of a store's ports.
-pub trait Records: JobBoard + Leases + MapShelf + Places + Keys + Webhooks + Housekeeping + Backup {}
+pub trait Records: JobBoard + Leases + PartBoard + MapShelf + Places + Keys + Webhooks + Housekeeping + Backup {}
 
-impl<S: JobBoard + Leases + MapShelf + Places + Keys + Webhooks + Housekeeping + Backup> Records for S {}
+impl<S: JobBoard + Leases + PartBoard + MapShelf + Places + Keys + Webhooks + Housekeeping + Backup> Records for S {}

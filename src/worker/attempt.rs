@@ -14,6 +14,7 @@ use super::Workshop;
 use super::background::in_background_while;
 use super::clock::Clock;
 use super::hands::Borrower;
+use super::parts::Desk;
 use super::solver::{Follower, WHOLE};
 use super::trail::Trail;
 use crate::fit::FitError;
@@ -172,9 +173,9 @@ impl Own {
 }
 
 fn work(workshop: &Arc<Workshop>, runtime: &Handle, own: &Arc<Own>) -> Result<(), AttemptError> {
-    let (workshop_too, own_too) = (workshop.clone(), own.clone());
+    let (workshop_too, runtime_too, own_too) = (workshop.clone(), runtime.clone(), own.clone());
     let formed = in_background_while(waits(own.stop.clone(), workshop.rules.stops_within), move || {
-        form(&workshop_too, &own_too)
+        form(&workshop_too, &runtime_too, &own_too)
     });
     let Some(formed) = formed.map_err(AttemptError::Thread)? else {
         tracing::error!(job = %own.claim.job.id, "a fit does not stop; its thread and its memory are lost to the service");
@@ -203,7 +204,7 @@ fn waits(stop: Arc<AtomicBool>, within: Duration) -> impl Fn() -> bool {
 }
 
 /// The map's record and its file: all that takes a core.
-fn form(workshop: &Workshop, own: &Own) -> Result<(MapRecord, Vec<u8>), AttemptError> {
+fn form(workshop: &Arc<Workshop>, runtime: &Handle, own: &Own) -> Result<(MapRecord, Vec<u8>), AttemptError> {
     let Own { claim, prefix, progress, clock, stop, trail } = own;
     trail.enter("load");
     let (request, lineage) = {
@@ -218,7 +219,9 @@ fn form(workshop: &Workshop, own: &Own) -> Result<(MapRecord, Vec<u8>), AttemptE
     let _held = clock.without(|| workshop.memory.reserve(cost.bytes as u64, &goes_on)).ok_or(AttemptError::Stopped)?;
     set_stage(progress, "fitting", 0.0);
     trail.enter("fit");
-    let team = Team::with(Arc::new(Borrower { hands: workshop.hands.clone(), progress: progress.clone() }));
+    // As it was accepted: a worker's own limit may be another.
+    let _divided = claim.job.progress.parts.map(|_| workshop.hands.divided());
+    let team = team_of(workshop, runtime, own);
     let follower = Follower { progress, stop, stage: &|stage| own.stage(stage), team };
     let fit = |request: &JobRequest| workshop.solver.map_of(request, &follower);
     let map = match &request.joined {
@@ -230,6 +233,17 @@ fn form(workshop: &Workshop, own: &Own) -> Result<(MapRecord, Vec<u8>), AttemptE
     let bytes = map.to_npz()?;
     let record = record_of(claim, &map, (prefix, &bytes), lineage);
     Ok((record, bytes))
+}
+
+/// Who shares the work: this process's solvers that wait, and, where the job is in parts, any process's.
+fn team_of(workshop: &Arc<Workshop>, runtime: &Handle, own: &Own) -> Team {
+    let job = &own.claim.job;
+    let team = Team::with(Arc::new(Borrower { hands: workshop.hands.clone(), progress: own.progress.clone() }));
+    if job.progress.parts.is_none() {
+        return team;
+    }
+    let (workshop, runtime, job_id) = (workshop.clone(), runtime.clone(), job.id.clone());
+    team.and_abroad(Arc::new(Desk { workshop, runtime, job_id, attempt: job.attempt }))
 }
 
 fn record_of(claim: &Claim, map: &FittedMap, (prefix, bytes): (&str, &[u8]), lineage: Lineage) -> MapRecord {

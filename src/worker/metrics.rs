@@ -32,6 +32,8 @@ pub struct Metrics {
     factorisations: HistogramVec,
     leases_lost: IntCounter,
     leases_reaped: IntCounter,
+    /// Parts of fits of other processes, by how they ended.
+    parts: IntCounterVec,
     deliveries: IntCounterVec,
     swept: IntCounterVec,
     requests: HistogramVec,
@@ -79,6 +81,10 @@ impl Metrics {
                 "mapfit_leases_reaped_total",
                 "Lapsed leases and passed deadlines that this process found",
             )?,
+            parts: IntCounterVec::new(
+                Opts::new("mapfit_parts_total", "Parts of other processes' fits that this one took, by outcome"),
+                &["outcome"],
+            )?,
             deliveries: IntCounterVec::new(
                 Opts::new("mapfit_webhook_deliveries_total", "Attempts at webhook deliveries, by outcome"),
                 &["outcome"],
@@ -109,12 +115,16 @@ impl Metrics {
         own.register(Box::new(self.factorisations.clone()))?;
         own.register(Box::new(self.leases_lost.clone()))?;
         own.register(Box::new(self.leases_reaped.clone()))?;
+        own.register(Box::new(self.parts.clone()))?;
         own.register(Box::new(self.deliveries.clone()))?;
         own.register(Box::new(self.swept.clone()))?;
         own.register(Box::new(self.requests.clone()))?;
         own.register(Box::new(ProcessCollector::for_self()))?;
         for outcome in ["successful", "failed", "retried", "stopped"] {
             self.attempts.with_label_values(&[outcome]);
+        }
+        for outcome in ["done", "left"] {
+            self.parts.with_label_values(&[outcome]);
         }
         for outcome in ["delivered", "retried", "failed"] {
             self.deliveries.with_label_values(&[outcome]);
@@ -141,6 +151,11 @@ impl Metrics {
 
     pub fn lease_lost(&self) {
         self.leases_lost.inc();
+    }
+
+    /// A part of another process's fit that ended here.
+    pub fn helped(&self, outcome: &str) {
+        self.parts.with_label_values(&[outcome]).inc();
     }
 
     pub fn reaped(&self, count: u64) {

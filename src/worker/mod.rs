@@ -14,6 +14,7 @@ mod hands;
 mod house;
 mod memory;
 mod metrics;
+mod parts;
 mod rules;
 mod solver;
 mod trail;
@@ -30,7 +31,7 @@ use tokio::runtime::Handle;
 use tokio::sync::Notify;
 
 use crate::jobs::{Job, Limits};
-use crate::store::{Artifacts, Claim, Records, Terms};
+use crate::store::{Artifacts, Claim, Part, Records, StoreError, Terms};
 use crate::traces::Traces;
 
 pub use background::in_background;
@@ -44,6 +45,9 @@ use memory::Memory;
 
 /// How long an idle solver waits before it looks for work that nobody told it of.
 const IDLE: Duration = Duration::from_millis(500);
+/// One that has just done a part looks sooner, for so long: passes follow one another.
+const SOON: Duration = Duration::from_millis(50);
+const WHILE_HOT: Duration = Duration::from_secs(10);
 /// How long solver threads may take to end once all fits were told to stop; a process ends without those that do not.
 const ENDS_WITHIN: Duration = Duration::from_secs(15);
 /// How long readiness is believed, and how long its probe may take.
@@ -193,7 +197,7 @@ impl Solvers {
         let watched = workshop.clone();
         runtime.spawn(async move { watched.watch_places().await });
         runtime.spawn(webhooks::deliver(workshop.clone()));
-        workshop.hands.join(count);
+        workshop.hands.arrive(count);
         let threads = (0..count)
             .map(|k| {
                 let (workshop, runtime) = (workshop.clone(), runtime.clone());
@@ -230,17 +234,32 @@ impl Solvers {
     }
 }
 
+/// What a solver does next.
+enum Work {
+    /// A claim, and when it was asked for.
+    Job(Box<Claim>, SystemTime),
+    Part(Part),
+    Nothing,
+}
+
 fn solve(workshop: &Arc<Workshop>, runtime: &Handle, name: &str) {
+    let mut helped: Option<Instant> = None;
     while !workshop.is_draining() {
-        match runtime.block_on(next_claim(workshop, name)) {
-            Ok(Some((claim, asked))) => {
+        let is_hot = helped.is_some_and(|at| at.elapsed() < WHILE_HOT);
+        match runtime.block_on(next_work(workshop, name, if is_hot { SOON } else { IDLE })) {
+            Ok(Work::Job(claim, asked)) => {
                 let (id, attempt) = (claim.job.id.clone(), claim.job.attempt);
                 tracing::info!(job = %id, attempt, "attempt begins");
                 let _own = workshop.hands.at_work();
-                attempt::run(workshop, runtime, claim, asked);
+                attempt::run(workshop, runtime, *claim, asked);
                 tracing::info!(job = %id, attempt, "attempt ends");
             }
-            Ok(None) => {}
+            Ok(Work::Part(part)) => {
+                let _own = workshop.hands.at_work();
+                parts::help(workshop, runtime, &part);
+                helped = Some(Instant::now());
+            }
+            Ok(Work::Nothing) => {}
             Err(error) => {
                 tracing::warn!(%error, "no claim could be made");
                 std::thread::sleep(IDLE);
@@ -249,16 +268,22 @@ fn solve(workshop: &Arc<Workshop>, runtime: &Handle, name: &str) {
     }
 }
 
-/// A claim, and when it was asked for.
-async fn next_claim(workshop: &Workshop, name: &str) -> Result<Option<(Claim, SystemTime)>, crate::store::StoreError> {
+/// A job before all; then a part of one that runs elsewhere; else waits for a while. Solvers of a process that has a job in
+/// parts itself are lent to it.
+async fn next_work(workshop: &Workshop, name: &str, idle: Duration) -> Result<Work, StoreError> {
     // Listening starts before looking, so that a job accepted in between is not missed.
     let arrival = workshop.arrivals.notified();
     let Rules { lease, running_a_tenant, .. } = workshop.rules;
     let terms = Terms { worker: name.to_owned(), lease, running_a_tenant };
     let asked = SystemTime::now();
     if let Some(claim) = workshop.records.claim(&terms).await? {
-        return Ok(Some((claim, asked)));
+        return Ok(Work::Job(Box::new(claim), asked));
     }
-    let _ = tokio::time::timeout(IDLE, arrival).await;
-    Ok(None)
+    if !workshop.hands.divide()
+        && let Some(part) = workshop.records.take_part(name, lease).await?
+    {
+        return Ok(Work::Part(part));
+    }
+    let _ = tokio::time::timeout(idle, arrival).await;
+    Ok(Work::Nothing)
 }

@@ -37,6 +37,34 @@ impl JobBoard for Faulty {
 }
 
 #[async_trait]
+impl PartBoard for Faulty {
+    async fn offer_parts(&self, pass: &Pass, count: usize) -> Result<bool, StoreError> {
+        self.inner.offer_parts(pass, count).await
+    }
+    async fn parts_of(&self, prefix: &str) -> Result<Vec<(Part, Standing)>, StoreError> {
+        self.inner.parts_of(prefix).await
+    }
+    async fn keep_part(&self, prefix: &str, number: i64) -> Result<bool, StoreError> {
+        self.inner.keep_part(prefix, number).await
+    }
+    async fn send_part(&self, part: &Part) -> Result<bool, StoreError> {
+        self.inner.send_part(part).await
+    }
+    async fn withdraw_parts(&self, prefix: &str) -> Result<(), StoreError> {
+        self.inner.withdraw_parts(prefix).await
+    }
+    async fn take_part(&self, worker: &str, lease: Duration) -> Result<Option<Part>, StoreError> {
+        self.inner.take_part(worker, lease).await
+    }
+    async fn hold_part(&self, part: &Part, lease: Duration) -> Result<Hold, StoreError> {
+        self.inner.hold_part(part, lease).await
+    }
+    async fn deliver_part(&self, part: &Part) -> Result<bool, StoreError> {
+        self.inner.deliver_part(part).await
+    }
+}
+
+#[async_trait]
 impl Leases for Faulty {
     async fn claim(&self, terms: &Terms) -> Result<Option<Claim>, StoreError> {
         self.at("claim", self.inner.claim(terms)).await

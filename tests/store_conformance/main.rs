@@ -3,6 +3,7 @@
 mod backup;
 mod fleet;
 mod lists;
+mod parts;
 #[path = "../support/postgres.rs"]
 mod postgres_server;
 mod queue;
@@ -21,6 +22,7 @@ use mapfit::store::{Listing, NewJob, PostgresStore, Records, SqliteStore, Submis
 use backup::*;
 use fleet::*;
 use lists::*;
+use parts::*;
 use queue::*;
 
 const LEASE: Duration = Duration::from_millis(400);
@@ -128,7 +130,7 @@ macro_rules! conformance {
             $(#[test]
             fn $case() {
                 tokio::runtime::Runtime::new().unwrap().block_on(async {
-                    let store = super::PostgresStore::open(&super::postgres_server::database().await, 8).await.unwrap();
+                    let store = super::PostgresStore::open(&super::postgres_server::database(), 8).await.unwrap();
                     super::$case(&store).await;
                 });
             })*
@@ -168,4 +170,6 @@ conformance!(
     events_are_queued_with_what_makes_them,
     old_maps_are_found_but_not_what_a_place_names,
     what_is_saved_is_restored_once,
+    parts_are_done_again_where_their_worker_is_gone,
+    parts_end_with_their_attempt,
 );

@@ -19,6 +19,8 @@ use super::{ArtifactsError, Backend, Leftover, PROBE_BYTES};
 
 pub(super) struct Folder {
     files: LocalFileSystem,
+    /// The same files, not synced.
+    unsynced: LocalFileSystem,
     folder: PathBuf,
 }
 
@@ -26,8 +28,8 @@ impl Folder {
     /// A folder, which is made where it is missing. Files are synced to disk before a write returns.
     pub fn open(folder: &FilePath) -> Result<Self, ArtifactsError> {
         std::fs::create_dir_all(folder)?;
-        let files = LocalFileSystem::new_with_prefix(folder)?.with_fsync(true).with_automatic_cleanup(true);
-        Ok(Self { files, folder: folder.to_owned() })
+        let files = LocalFileSystem::new_with_prefix(folder)?.with_automatic_cleanup(true);
+        Ok(Self { files: files.clone().with_fsync(true), unsynced: files, folder: folder.to_owned() })
     }
 
     async fn names(&self, path: &str) -> Result<Vec<String>, std::io::Error> {
@@ -58,6 +60,11 @@ impl Backend for Folder {
 
     async fn put(&self, path: &Path, bytes: Bytes) -> Result<(), ArtifactsError> {
         self.files.put(path, PutPayload::from(bytes)).await?;
+        Ok(())
+    }
+
+    async fn put_for_now(&self, path: &Path, bytes: Bytes) -> Result<(), ArtifactsError> {
+        self.unsynced.put(path, PutPayload::from(bytes)).await?;
         Ok(())
     }
 

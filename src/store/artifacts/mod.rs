@@ -57,6 +57,10 @@ trait Backend: Send + Sync {
     fn objects(&self) -> &dyn ObjectStore;
     /// Durable and whole when it returns.
     async fn put(&self, path: &Path, bytes: Bytes) -> Result<(), ArtifactsError>;
+    /// Whole when it returns; what a power cut takes is no loss.
+    async fn put_for_now(&self, path: &Path, bytes: Bytes) -> Result<(), ArtifactsError> {
+        self.put(path, bytes).await
+    }
     /// Removes everything under a prefix; what is gone already is no error.
     async fn remove(&self, prefix: &str) -> Result<(), ArtifactsError>;
     /// What was left anywhere, finished or not.
@@ -125,6 +129,11 @@ impl Artifacts {
 
     pub async fn put(&self, prefix: &str, name: &str, bytes: impl Into<Bytes>) -> Result<(), ArtifactsError> {
         self.0.put(&Path::from(format!("{prefix}/{name}")), bytes.into()).await
+    }
+
+    /// Puts what is of use for as long as whoever waits for it, and need not outlive the machine.
+    pub async fn put_for_now(&self, prefix: &str, name: &str, bytes: impl Into<Bytes>) -> Result<(), ArtifactsError> {
+        self.0.put_for_now(&Path::from(format!("{prefix}/{name}")), bytes.into()).await
     }
 
     /// An artifact whose SHA-256 (hex) is this, where that is known.

@@ -115,6 +115,6 @@ impl Leases for PostgresStore {
 }
 
 /// No longer than can be added to a time.
-fn millis(time: Duration) -> i64 {
+pub(super) fn millis(time: Duration) -> i64 {
     i64::try_from(time.as_millis()).unwrap_or(i64::MAX).min(i64::MAX >> 1)
 }

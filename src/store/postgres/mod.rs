@@ -11,6 +11,7 @@ mod intake;
 mod keys;
 mod leases;
 mod listed;
+mod parts;
 mod places;
 mod rows;
 mod shelf;
@@ -20,8 +21,10 @@ use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use futures::FutureExt;
+use futures::future::BoxFuture;
 use sqlx::postgres::{PgConnectOptions, PgListener, PgPool, PgPoolOptions};
-use sqlx::{ConnectOptions, Connection, Postgres, Transaction};
+use sqlx::{Postgres, Transaction};
 use tokio::sync::Notify;
 
 use self::intake::PostgresLedger;
@@ -56,11 +59,12 @@ const SETTINGS: [(&str, &str); 8] = [
 ];
 
 /// Under `migrations/postgres`, from the first on.
-pub(super) const MIGRATIONS: [schema::File; 4] = [
+pub(super) const MIGRATIONS: [schema::File; 5] = [
     (1, "records", include_str!("../../../migrations/postgres/0001_records.sql")),
     (2, "lists and sweeps", include_str!("../../../migrations/postgres/0002_lists_and_sweeps.sql")),
     (3, "traces", include_str!("../../../migrations/postgres/0003_traces.sql")),
     (4, "groups", include_str!("../../../migrations/postgres/0004_groups.sql")),
+    (5, "parts", include_str!("../../../migrations/postgres/0005_parts.sql")),
 ];
 
 /// [`super::Records`] in a PostgreSQL database.
@@ -71,12 +75,17 @@ pub struct PostgresStore {
 
 impl PostgresStore {
     /// Connects to the database, which has to be there, and brings its schema up to date.
-    pub async fn open(url: &str, max_connections: u32) -> Result<Self, StoreError> {
+    pub fn open(url: &str, max_connections: u32) -> BoxFuture<'_, Result<Self, StoreError>> {
+        // Boxed here, or whoever awaits it compiles the driver once more.
+        Self::opened(url, max_connections).boxed()
+    }
+
+    async fn opened(url: &str, max_connections: u32) -> Result<Self, StoreError> {
         let plain = PgConnectOptions::from_str(url)?.application_name("mapfit");
         // Processes that start at once wait here for the first, however long it takes.
-        let mut connection = plain.connect().await?;
-        migrator(&MIGRATIONS).run(&mut connection).await?;
-        connection.close().await?;
+        let once = PgPoolOptions::new().max_connections(1).connect_with(plain.clone()).await?;
+        migrator(&MIGRATIONS).run(&once).await?;
+        once.close().await;
         let pool = PgPoolOptions::new().max_connections(max_connections).acquire_timeout(Duration::from_secs(20));
         let pool = pool.connect_with(plain.options(SETTINGS)).await?;
         Ok(Self { intake: Intake::new(PostgresLedger::new(pool.clone())), pool })

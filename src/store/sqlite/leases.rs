@@ -137,6 +137,6 @@ async fn insert_map(tx: &mut Transaction<'static, Sqlite>, map: &MapRecord) -> R
     Ok(())
 }
 
-fn millis(time: Duration) -> i64 {
+pub(super) fn millis(time: Duration) -> i64 {
     i64::try_from(time.as_millis()).unwrap_or(i64::MAX >> 1)
 }

@@ -12,6 +12,7 @@ mod intake;
 mod keys;
 mod leases;
 mod listed;
+mod parts;
 mod places;
 mod rows;
 mod shelf;
@@ -21,6 +22,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use futures::FutureExt;
+use futures::future::BoxFuture;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{Connection, Sqlite, Transaction};
 
@@ -38,12 +41,13 @@ macro_rules! now {
 use now;
 
 /// Under `migrations/sqlite`, from the first on.
-pub(super) const MIGRATIONS: [schema::File; 5] = [
+pub(super) const MIGRATIONS: [schema::File; 6] = [
     (1, "jobs and maps", include_str!("../../../migrations/sqlite/0001_jobs_and_maps.sql")),
     (2, "queue and labels", include_str!("../../../migrations/sqlite/0002_queue_and_labels.sql")),
     (3, "fleet", include_str!("../../../migrations/sqlite/0003_fleet.sql")),
     (4, "sweeps", include_str!("../../../migrations/sqlite/0004_sweeps.sql")),
     (5, "traces", include_str!("../../../migrations/sqlite/0005_traces.sql")),
+    (6, "parts", include_str!("../../../migrations/sqlite/0006_parts.sql")),
 ];
 
 /// [`super::Records`] in one SQLite file.
@@ -55,7 +59,12 @@ pub struct SqliteStore {
 
 impl SqliteStore {
     /// Opens the file, or makes it, and brings its schema up to date.
-    pub async fn open(file: &Path) -> Result<Self, StoreError> {
+    pub fn open(file: &Path) -> BoxFuture<'_, Result<Self, StoreError>> {
+        // Boxed here, or whoever awaits it compiles the driver once more.
+        Self::opened(file).boxed()
+    }
+
+    async fn opened(file: &Path) -> Result<Self, StoreError> {
         let options = SqliteConnectOptions::new()
             .filename(file)
             .create_if_missing(true)
