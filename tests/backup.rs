@@ -185,7 +185,7 @@ fn there_and_back(maps: usize) {
     }
     println!("killed after {} files", copied());
     let store = Seaweed::start();
-    let url = tokio::runtime::Runtime::new().unwrap().block_on(postgres_server::database());
+    let url = postgres_server::database();
     let target = Stores {
         arguments: ["--database-url", &url, "--artifacts", "s3://backups/restored"].map(str::to_owned).to_vec(),
         variables: store.variables(),
@@ -302,7 +302,7 @@ fn damage_is_found_out() {
 /// While jobs end and places change, an export has each job's end with its map, or neither; on either database.
 #[test]
 fn an_export_of_a_service_at_work_is_of_one_moment() {
-    let url = tokio::runtime::Runtime::new().unwrap().block_on(postgres_server::database());
+    let url = postgres_server::database();
     for database in [None, Some(url)] {
         let (data, folder) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let mut arguments = vec!["--data".to_owned(), data.path().to_str().unwrap().to_owned()];

@@ -180,6 +180,6 @@ fn a_worker_that_stood_still_writes_nothing_into_sqlite() {
 
 #[test]
 fn a_worker_that_stood_still_writes_nothing_into_postgres() {
-    let url = tokio::runtime::Runtime::new().unwrap().block_on(postgres_server::database());
+    let url = postgres_server::database();
     a_frozen_worker_writes_nothing(&["--database-url", &url]);
 }

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use support::{Server, small};
 
 fn database() -> String {
-    tokio::runtime::Runtime::new().unwrap().block_on(postgres_server::database())
+    postgres_server::database()
 }
 
 /// A process that works and does not serve; killed when it is dropped.

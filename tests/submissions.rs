@@ -129,7 +129,7 @@ async fn submissions_keep_pace_with_sqlite() {
 #[tokio::test(flavor = "multi_thread")]
 #[ignore = "nightly: a measurement, for a machine that does nothing else"]
 async fn submissions_keep_pace_with_postgresql() {
-    let url = postgres_server::database().await;
+    let url = postgres_server::database();
     let mut connection = sqlx::postgres::PgConnection::connect(&url).await.unwrap();
     let rate = bare!(connection);
     let folder = tempfile::tempdir().unwrap();

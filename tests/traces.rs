@@ -145,7 +145,7 @@ fn a_job_has_one_trace_across_processes_on_sqlite() {
 
 #[test]
 fn a_job_has_one_trace_across_processes_on_postgres() {
-    let database = tokio::runtime::Runtime::new().unwrap().block_on(postgres_server::database());
+    let database = postgres_server::database();
     one_trace_a_job(&["--database-url", &database]);
 }
 

@@ -62,7 +62,7 @@ impl Kind {
     async fn open(self, data: &Path) -> Arc<dyn Records> {
         match self {
             Self::Sqlite => Arc::new(SqliteStore::open(&data.join("mapfit.sqlite")).await.unwrap()),
-            Self::Postgres => Arc::new(PostgresStore::open(&postgres_server::database().await, 8).await.unwrap()),
+            Self::Postgres => Arc::new(PostgresStore::open(&postgres_server::database(), 8).await.unwrap()),
         }
     }
 }

@@ -119,7 +119,7 @@ fn a_backup_has_every_column_of_every_table() {
         let columns =
             "SELECT t.name, c.name FROM sqlite_master AS t, pragma_table_info(t.name) AS c WHERE t.type = 'table'";
         all_are_saved(&sqlx::query_as(columns).fetch_all(&mut sqlite).await.unwrap());
-        let url = crate::postgres_server::database().await;
+        let url = crate::postgres_server::database();
         mapfit::store::PostgresStore::open(&url, 2).await.unwrap();
         let mut postgres = sqlx::PgConnection::connect(&url).await.unwrap();
         let columns =

@@ -101,7 +101,7 @@ async fn sqlite(folder: &std::path::Path) -> SqliteStore {
 }
 
 async fn postgres(_: &std::path::Path) -> PostgresStore {
-    PostgresStore::open(&postgres_server::database().await, 8).await.unwrap()
+    PostgresStore::open(&postgres_server::database(), 8).await.unwrap()
 }
 
 at_scale!(

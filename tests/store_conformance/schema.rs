@@ -69,7 +69,7 @@ fn a_database_of_the_first_schema_is_brought_up_to_date() {
 #[test]
 fn a_postgres_database_of_the_first_schema_is_brought_up_to_date() {
     in_runtime(async {
-        let url = database().await;
+        let url = database();
         let mut old = PgConnection::connect(&url).await.unwrap();
         first_of("postgres").await.run(&mut old).await.unwrap();
         let progress = serde_json::to_string(&Progress::queued(9)).unwrap();
@@ -156,7 +156,7 @@ fn a_database_of_a_later_version_is_worked_with() {
         other.close().await.unwrap();
         works(&SqliteStore::open(&file).await.unwrap()).await;
 
-        let url = database().await;
+        let url = database();
         drop(PostgresStore::open(&url, 2).await.unwrap());
         let mut other = PgConnection::connect(&url).await.unwrap();
         for statement in later("'\\x00'") {

@@ -7,8 +7,8 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock};
 
-/// Makes a cluster, serves it, starts it anew for every line it reads, and takes it away when its input closes: with the program
-/// that started it.
+/// Makes a cluster and serves it; makes a database of every name it reads, starts anew where it is told to, and takes all away
+/// when its input closes: with the program that started it.
 const LIFE: &str = r#"
 set -e
 folder=$(mktemp -d)
@@ -22,11 +22,18 @@ start() {
     echo ready
 }
 start "$@"
-while read -r _; do
-    # An immediate shutdown: what a crash is to it.
-    kill -QUIT $server
-    wait $server || true
-    start "$@"
+while read -r word name; do
+    case $word in
+    restart)
+        # An immediate shutdown: what a crash is to it.
+        kill -QUIT $server
+        wait $server || true
+        start "$@"
+        ;;
+    create)
+        "$1/createdb" --host 127.0.0.1 --port "$2" --username mapfit --no-password "$name" && echo ready
+        ;;
+    esac
 done
 kill -INT $server
 wait $server || true
@@ -80,18 +87,20 @@ fn server() -> &'static Running {
 /// Ends the server without ado and starts it anew; it answers when this returns. Every test of the program is hit.
 #[allow(dead_code)]
 pub fn restart() {
-    let mut life = server().life.lock().unwrap();
-    writeln!(life.0.stdin.as_mut().unwrap()).unwrap();
-    until_ready(&mut life.1);
+    tell("restart");
 }
 
 /// The address of a new, empty database.
-pub async fn database() -> String {
-    use sqlx::{AssertSqlSafe, Connection, Executor};
+pub fn database() -> String {
     static COUNT: AtomicUsize = AtomicUsize::new(0);
-    let server = &server().url;
     let name = format!("test{}", COUNT.fetch_add(1, Ordering::Relaxed));
-    let mut connection = sqlx::PgConnection::connect(&format!("{server}/postgres")).await.unwrap();
-    connection.execute(AssertSqlSafe(format!("CREATE DATABASE {name}"))).await.unwrap();
-    format!("{server}/{name}")
+    tell(&format!("create {name}"));
+    format!("{}/{name}", server().url)
+}
+
+/// Says a line, and waits until it is done.
+fn tell(line: &str) {
+    let mut life = server().life.lock().unwrap();
+    writeln!(life.0.stdin.as_mut().unwrap(), "{line}").unwrap();
+    until_ready(&mut life.1);
 }
