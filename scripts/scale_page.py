@@ -171,7 +171,8 @@ eliminated, and later inverted, without the rest. Solvers of the same process th
 other processes and machines: an attempt offers its branches, whoever has no job takes one under a lease of its own, gets its entries as an
 artifact, and sends back its panels and its Schur complement, or the entries that are wanted of the inverse (`src/sparse/parcel.rs`,
 `src/worker/parts/`). One whose worker dies is done again by another. `parts` of the job says how many there are and how far the pass is. The
-map is the same to the last bit as an undivided one, whoever helped (`tests/parts.rs`).
+map is the same to the last bit as an undivided one, whoever helped (`tests/parts.rs`), on processors of one kind: products choose their
+instructions by what a processor has.
 
 Two worker processes of one solver each on this machine's two cores, 256 rooms (`tests/parts.rs`, the test that is run by hand): 144 and
 154 s where one took 161, 167 and 174 s, **1.1 times faster**. Of one worker's time less than two thirds are branches; each costs a helper

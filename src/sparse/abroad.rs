@@ -19,6 +19,8 @@ pub trait Offer: Send + Sync {
     /// Branches that others have taken and wait for the parcels of.
     fn wanted(&self) -> Vec<usize>;
     fn send(&self, branch: usize, parcel: &Parcel);
-    /// Answers that have come since this was last asked.
-    fn answers(&self) -> Vec<(usize, Answer)>;
+    /// An answer that has come since this was last asked, if any.
+    fn answer(&self) -> Option<(usize, Answer)>;
+    /// Whether to go on: a pass that waits for others is asked by them, too.
+    fn goes_on(&self) -> bool;
 }

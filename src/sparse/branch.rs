@@ -5,7 +5,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::cholesky::Elimination;
-use super::error::SparseError;
+use super::error::{LARGEST_FACTOR, SparseError};
 use super::parcel::{Answer, Parcel, triangle};
 use super::selected::{Derivative, Inverse, Sandwich};
 use super::team::{Pace, Team};
@@ -13,6 +13,11 @@ use super::tree::Tree;
 use super::walk::{Downward, Upward, branch_down, branch_up};
 
 impl Parcel {
+    /// Whether it is one: what is wrong with it else.
+    pub fn check(&self) -> Result<(), SparseError> {
+        Branch::of(self).map(drop)
+    }
+
     /// Does what is asked. Ends with [`SparseError::Stopped`] soon after `stop` is set; a parcel that is not one is
     /// [`SparseError::Setup`].
     pub fn work(&self, stop: &AtomicBool) -> Result<Answer, SparseError> {
@@ -42,6 +47,16 @@ fn not_one(what: &str) -> SparseError {
     SparseError::Setup(format!("this is no branch: its {what} do not fit"))
 }
 
+/// Entries of a branch's panels; none where they are too many to be counted.
+fn panels_of(parcel: &Parcel) -> Option<usize> {
+    let widths = parcel.begins.windows(2).map(|own| own[1].checked_sub(own[0]));
+    let rows = parcel.row_starts.windows(2).map(|own| own[1].checked_sub(own[0]));
+    widths.zip(rows).try_fold(0_usize, |sum, (width, rows)| {
+        let (width, rows) = (width? as usize, rows? as usize);
+        sum.checked_add(width.checked_mul(width.checked_add(rows)?)?)
+    })
+}
+
 fn wide(values: &[u32]) -> Vec<usize> {
     values.iter().map(|&value| value as usize).collect()
 }
@@ -61,7 +76,7 @@ impl<'p> Branch<'p> {
             return Err(not_one("rows"));
         }
         if border > 0 {
-            begins.push(steps + border);
+            begins.push(steps.saturating_add(border));
             row_starts.push(rows.len());
         }
         for s in 0..supernodes {
@@ -71,6 +86,11 @@ impl<'p> Branch<'p> {
             if !after || !within || !own.is_sorted_by(|a, b| a < b) {
                 return Err(not_one("rows"));
             }
+        }
+        // What is allocated next is by what was sent.
+        let held = parcel.places.len().max(parcel.factor.len());
+        if steps > held || border > rows.len() || panels_of(parcel).is_none_or(|entries| entries > LARGEST_FACTOR) {
+            return Err(not_one("sizes"));
         }
         let tree = Tree::of_supernodes(begins, row_starts, rows);
         if !(0..supernodes).all(|s| tree.hands_on_all(s)) {
@@ -210,8 +230,12 @@ mod tests {
             self.answers.lock().unwrap().insert(branch, answer);
         }
 
-        fn answers(&self) -> Vec<(usize, Answer)> {
-            std::mem::take(&mut *self.answers.lock().unwrap()).into_iter().collect()
+        fn answer(&self) -> Option<(usize, Answer)> {
+            self.answers.lock().unwrap().pop_first()
+        }
+
+        fn goes_on(&self) -> bool {
+            true
         }
     }
 
@@ -262,8 +286,11 @@ mod tests {
                 Vec::new()
             }
             fn send(&self, _: usize, _: &Parcel) {}
-            fn answers(&self) -> Vec<(usize, Answer)> {
-                Vec::new()
+            fn answer(&self) -> Option<(usize, Answer)> {
+                None
+            }
+            fn goes_on(&self) -> bool {
+                true
             }
         }
         let mut cholesky = Cholesky::analyse(&pattern).unwrap();
@@ -298,8 +325,11 @@ mod tests {
                 self.kept.lock().unwrap().push(parcel.clone());
                 self.sent.store(true, Ordering::Relaxed);
             }
-            fn answers(&self) -> Vec<(usize, Answer)> {
-                Vec::new()
+            fn answer(&self) -> Option<(usize, Answer)> {
+                None
+            }
+            fn goes_on(&self) -> bool {
+                true
             }
         }
         let pattern = seen_place();

@@ -10,7 +10,7 @@ pub(super) enum Matter<'p, 'v> {
     /// The branch's values.
     Up(&'p [f64]),
     /// The panels of those that own rows outside, by supernode and matrix.
-    Down { above: &'p dyn Fn(usize, usize) -> &'v [f64], matrices: usize, wanted: &'p [u32] },
+    Down { above: &'p (dyn Fn(usize, usize) -> &'v [f64] + Sync), matrices: usize, wanted: &'p [u32] },
 }
 
 impl Parcel {

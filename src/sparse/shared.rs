@@ -9,15 +9,15 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use super::abroad::Offer;
 use super::error::SparseError;
 use super::parcel::{Answer, Parcel};
-use super::team::{Pace, Team, Told, all_or_why_not, pause, watched};
+use super::team::{Pace, Team, Told, all_or_why_not, is_panicking, pause, watched};
 
 /// How branches become parcels, and answers results.
 pub(super) struct Post<'p, T, R> {
     /// How many multiply-adds a branch is.
-    pub work: &'p dyn Fn(usize) -> f64,
-    pub parcel: &'p dyn Fn(&T) -> Parcel,
+    pub work: &'p (dyn Fn(usize) -> f64 + Sync),
+    pub parcel: &'p (dyn Fn(&T) -> Parcel + Sync),
     /// `None` where the answer is not one to this question.
-    pub accept: &'p dyn Fn(&mut T, Answer) -> Option<R>,
+    pub accept: &'p (dyn Fn(&mut T, Answer) -> Option<R> + Sync),
 }
 
 /// A branch of a pass.
@@ -76,6 +76,18 @@ impl<T, R> Slot<T, R> {
         }
     }
 
+    /// Done by what came for it, where it is open and that fits; whether it did.
+    fn settle(&self, accept: impl FnOnce(&mut T) -> Option<R>) -> Option<bool> {
+        let mut state = self.state();
+        let State::Open(item) = &mut *state else { return None };
+        let accepted = accept(item);
+        let fits = accepted.is_some();
+        if let Some(result) = accepted {
+            *state = State::Done(Ok(result));
+        }
+        Some(fits)
+    }
+
     fn done(&self, outcome: Result<R, SparseError>) {
         *self.state() = State::Done(outcome);
     }
@@ -106,20 +118,38 @@ impl Team {
         let loan = self.borrow(items.len());
         let count = loan.as_ref().map_or(1, |loan| loan.count + 1);
         let slots: Vec<Slot<T, R>> = items.into_iter().map(Slot::of).collect();
-        let here = || {
-            while pass_by(&slots, &*offer, pace, &told, &work) {
-                pause();
+        let here = |own: usize| {
+            let _others = StopsOthers(pace);
+            // One of the threads has the correspondence, which takes time on disks and networks.
+            let mut goes_on = true;
+            while goes_on && pace.goes_on().is_ok() {
+                goes_on = match own {
+                    0 => correspond(&slots, &*offer, pace, &told, post),
+                    _ => pass_by(&slots, &*offer, pace, &told, &work),
+                };
+                if goes_on {
+                    pause();
+                }
             }
         };
-        let crew = || Self::threads(count).each(vec![(); count], |()| here());
+        let crew = || Self::threads(count + 1).each((0..count + 1).collect(), here);
         watched(crew, || {
             // Told to stop, the threads end by themselves.
-            if pace.ask(go_on).is_ok() {
-                correspond(&slots, &*offer, pace, &told, post);
-            }
+            let _ = pace.ask(&|share| go_on(share) && offer.goes_on());
         });
         drop(offer);
         all_or_why_not(slots.into_iter().map(Slot::outcome).collect())
+    }
+}
+
+/// Whoever panics leaves nobody waiting for it.
+struct StopsOthers<'p>(&'p Pace);
+
+impl Drop for StopsOthers<'_> {
+    fn drop(&mut self) {
+        if is_panicking() {
+            self.0.stop();
+        }
     }
 }
 
@@ -147,8 +177,14 @@ fn pass_by<T, R>(
     elsewhere
 }
 
-/// Sends what others wait for, and takes what they bring.
-fn correspond<T, R>(slots: &[Slot<T, R>], offer: &dyn Offer, pace: &Pace, told: &Told<'_>, post: &Post<'_, T, R>) {
+/// Sends what others wait for, and takes what they bring. Whether any branch is still open.
+fn correspond<T, R>(
+    slots: &[Slot<T, R>],
+    offer: &dyn Offer,
+    pace: &Pace,
+    told: &Told<'_>,
+    post: &Post<'_, T, R>,
+) -> bool {
     for branch in offer.wanted() {
         let Some(slot) = slots.get(branch) else { continue };
         if let Some(parcel) = slot.with(|item| (post.parcel)(item)) {
@@ -156,18 +192,18 @@ fn correspond<T, R>(slots: &[Slot<T, R>], offer: &dyn Offer, pace: &Pace, told: 
             offer.send(branch, &parcel);
         }
     }
-    for (branch, answer) in offer.answers() {
+    while let Some((branch, answer)) = offer.answer() {
         let Some(slot) = slots.get(branch) else { continue };
-        match slot.with(|item| (post.accept)(item, answer)) {
-            Some(Some(result)) => {
-                slot.done(Ok(result));
+        match slot.settle(|item| (post.accept)(item, answer)) {
+            Some(true) => {
                 // Whether to go on is asked by whoever works.
                 let _ = pace.step((post.work)(branch));
                 told.ended();
             }
             // Nothing that fits came back: it is done here.
-            Some(None) => slot.ours.store(true, Ordering::Relaxed),
+            Some(false) => slot.ours.store(true, Ordering::Relaxed),
             None => {}
         }
     }
+    slots.iter().any(Slot::is_open)
 }

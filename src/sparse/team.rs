@@ -224,6 +224,11 @@ pub(super) fn watched<R: Send>(work: impl FnOnce() -> R + Send, mut watch: impl 
     })
 }
 
+/// Whether this thread is on its way out.
+pub(super) fn is_panicking() -> bool {
+    std::thread::panicking()
+}
+
 /// Waits for what others do.
 pub(super) fn pause() {
     std::thread::sleep(LOOK);

@@ -2,8 +2,8 @@
 //!
 //! A part is a job of the queue in small: taken under a lease, fenced by how often it was taken, done again by another where
 //! its worker is gone, which costs it alone. What it is about (its parcel, and the answer to it) are artifacts under the
-//! pass's prefix, named by part and claim, so that nobody who comes late writes over anybody. No part outlives its attempt:
-//! every write asks that it runs.
+//! pass's prefix, named by part and claim, so that nobody who comes late writes over anybody. Workers hold parts of attempts
+//! that run, and of no others.
 
 use std::time::Duration;
 
@@ -92,7 +92,8 @@ pub trait PartBoard: Send + Sync {
     /// Takes all parts of a pass off the offer.
     async fn withdraw_parts(&self, prefix: &str) -> Result<(), StoreError>;
 
-    /// Takes a part of any attempt that runs, the last of a pass first: its attempt begins with the first.
+    /// Takes a part of any attempt that runs, the last of a pass first: its attempt begins with the first. One that was taken
+    /// twice is not taken again: its attempt does it.
     async fn take_part(&self, worker: &str, lease: Duration) -> Result<Option<Part>, StoreError>;
     /// Holds a part for so much longer; not at all gives it back.
     async fn hold_part(&self, part: &Part, lease: Duration) -> Result<Hold, StoreError>;

@@ -243,7 +243,7 @@ fn team_of(workshop: &Arc<Workshop>, runtime: &Handle, own: &Own) -> Team {
         return team;
     }
     let (workshop, runtime, job_id) = (workshop.clone(), runtime.clone(), job.id.clone());
-    team.and_abroad(Arc::new(Desk { workshop, runtime, job_id, attempt: job.attempt }))
+    team.and_abroad(Arc::new(Desk { workshop, runtime, job_id, attempt: job.attempt, stop: own.stop.clone() }))
 }
 
 fn record_of(claim: &Claim, map: &FittedMap, (prefix, bytes): (&str, &[u8]), lineage: Lineage) -> MapRecord {

@@ -71,7 +71,7 @@ pub struct Workshop {
     solver: Box<dyn Solver>,
     pub metrics: Metrics,
     pub traces: Traces,
-    /// Flags of the attempts that run in this process, by job.
+    /// Flags of the attempts that run in this process, by job, and of parts of others', by prefix and number.
     running: Mutex<HashMap<String, Arc<AtomicBool>>>,
     draining: tokio::sync::watch::Sender<bool>,
     followed: watch::Followed<watch::JobKey, Arc<Job>>,
@@ -256,8 +256,11 @@ fn solve(workshop: &Arc<Workshop>, runtime: &Handle, name: &str) {
             }
             Ok(Work::Part(part)) => {
                 let _own = workshop.hands.at_work();
-                parts::help(workshop, runtime, &part);
-                helped = Some(Instant::now());
+                match parts::help(workshop, runtime, &part) {
+                    true => helped = Some(Instant::now()),
+                    // Others, and the attempt itself, have a turn.
+                    false => std::thread::sleep(IDLE),
+                }
             }
             Ok(Work::Nothing) => {}
             Err(error) => {

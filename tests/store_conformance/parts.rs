@@ -42,6 +42,12 @@ pub async fn parts_are_done_again_where_their_worker_is_gone(store: &dyn Records
     assert_eq!(store.hold_part(&last, LEASE).await.unwrap(), Hold::Lost);
     assert!(!store.send_part(&last).await.unwrap() && !store.deliver_part(&last).await.unwrap());
 
+    // What two could not do is left to the attempt.
+    let third = store.take_part("v", LEASE).await.unwrap().unwrap();
+    assert_eq!((third.number, third.claim), (1, 2));
+    assert_eq!(store.hold_part(&third, Duration::ZERO).await.unwrap(), Hold::Waits);
+    assert_eq!(store.take_part("v", LEASE).await.unwrap(), None);
+
     assert_eq!(store.hold_part(&again, LEASE).await.unwrap(), Hold::Waits);
     assert!(store.send_part(&again).await.unwrap());
     assert_eq!(store.hold_part(&again, LEASE).await.unwrap(), Hold::Sent);

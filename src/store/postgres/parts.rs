@@ -43,10 +43,11 @@ const KEEP: &str =
     concat!("DELETE FROM parts WHERE prefix = $1 AND number = $2 AND NOT delivered AND lease_until <= ", now!());
 const SEND: &str = concat!("UPDATE parts SET sent = true ", held!());
 const WITHDRAW: &str = "DELETE FROM parts WHERE prefix = $1";
+/// What failed twice is its attempt's.
 const TAKE: &str = concat!(
     "UPDATE parts SET claim = claim + 1, sent = false, worker = $1, lease_until = ",
     now!(),
-    " + $2 WHERE (prefix, number) = (SELECT prefix, number FROM parts WHERE NOT delivered AND lease_until <= ",
+    " + $2 WHERE (prefix, number) = (SELECT prefix, number FROM parts WHERE NOT delivered AND claim < 2 AND lease_until <= ",
     now!(),
     " AND ",
     runs!(),

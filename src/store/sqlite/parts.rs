@@ -41,10 +41,10 @@ const KEEP: &str =
     concat!("DELETE FROM parts WHERE prefix = ? AND number = ? AND delivered = 0 AND lease_until <= ", now!());
 const SEND: &str = concat!("UPDATE parts SET sent = 1 ", held!());
 const WITHDRAW: &str = "DELETE FROM parts WHERE prefix = ?";
-/// What a worker may take.
+/// What a worker may take: what failed twice is its attempt's.
 macro_rules! free {
     () => {
-        concat!("FROM parts WHERE delivered = 0 AND lease_until <= ", now!(), " AND ", runs!())
+        concat!("FROM parts WHERE delivered = 0 AND claim < 2 AND lease_until <= ", now!(), " AND ", runs!())
     };
 }
 const ANY: &str = concat!("SELECT 1 ", free!(), " LIMIT 1");

@@ -1,10 +1,12 @@
 //! Where an attempt offers the branches of its passes to other workers.
 //!
-//! Whatever goes wrong between the attempt and the others (a database or a store that is away, an answer that is damaged)
-//! is told in the log and costs time alone: the part is done here.
+//! What goes wrong between the attempt and the others is told in the log and costs time alone: a part whose answer is damaged,
+//! or whose row is gone, is done here; one that could not be sent is given back by whoever waits for it in vain. While the
+//! store is away nothing is known of the parts: the attempt waits for it, as it does elsewhere, until its lease is lost.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::future::Future;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -24,6 +26,8 @@ pub struct Desk {
     pub runtime: Handle,
     pub job_id: String,
     pub attempt: i64,
+    /// The attempt's.
+    pub stop: Arc<AtomicBool>,
 }
 
 impl Abroad for Desk {
@@ -40,8 +44,8 @@ impl Abroad for Desk {
                 return None;
             }
         }
-        let (workshop, runtime) = (self.workshop.clone(), self.runtime.clone());
-        Some(Box::new(OnOffer { workshop, runtime, prefix, seen: Mutex::default() }))
+        let (workshop, runtime, stop) = (self.workshop.clone(), self.runtime.clone(), self.stop.clone());
+        Some(Box::new(OnOffer { workshop, runtime, prefix, stop, seen: Mutex::default() }))
     }
 }
 
@@ -55,6 +59,7 @@ struct OnOffer {
     workshop: Arc<Workshop>,
     runtime: Handle,
     prefix: String,
+    stop: Arc<AtomicBool>,
     seen: Mutex<Seen>,
 }
 
@@ -62,8 +67,10 @@ struct OnOffer {
 #[derive(Default)]
 struct Seen {
     looked: Option<Instant>,
+    /// Whether the store ever answered.
+    is_known: bool,
     parts: BTreeMap<usize, (Part, Standing)>,
-    /// The claims whose parcels were sent.
+    /// The claims whose parcels were sent, or could not be.
     sent: BTreeMap<usize, i64>,
     /// Those whose answers were taken.
     answered: BTreeSet<usize>,
@@ -86,6 +93,7 @@ impl OnOffer {
                 Some(Ok(parts)) => {
                     let numbered = |(part, standing): (Part, Standing)| (part.number as usize, (part, standing));
                     seen.parts = parts.into_iter().map(numbered).collect();
+                    seen.is_known = true;
                 }
                 Some(Err(error)) => tracing::warn!(%error, "how parts stand could not be asked"),
                 None => {}
@@ -124,7 +132,9 @@ impl Offer for OnOffer {
             match seen.parts.get(&branch) {
                 _ if seen.spoilt.contains(&branch) => return true,
                 Some((_, Standing::Free)) => {}
-                _ => return false,
+                Some(_) => return false,
+                // Nobody can have it any more.
+                None => return seen.is_known,
             }
         }
         let (records, prefix) = (self.workshop.records.clone(), self.prefix.clone());
@@ -148,37 +158,39 @@ impl Offer for OnOffer {
 
     fn send(&self, branch: usize, parcel: &Parcel) {
         let Some((part, _)) = self.seen().parts.get(&branch).cloned() else { return };
-        match self.post(&part, parcel) {
-            Ok(_) => {
-                let mut seen = self.seen();
-                seen.sent.insert(branch, part.claim);
-                seen.wrote = true;
-            }
-            Err(error) => tracing::warn!(part = branch, %error, "a part could not be sent"),
+        let sent = self.post(&part, parcel);
+        let mut seen = self.seen();
+        seen.wrote = true;
+        // Whoever waits for one that could not be sent gives the part back.
+        seen.sent.insert(branch, part.claim);
+        if let Err(error) = sent {
+            tracing::warn!(part = branch, %error, "a part could not be sent");
         }
     }
 
-    fn answers(&self) -> Vec<(usize, Answer)> {
-        let due: Vec<(usize, Part)> = {
-            let seen = self.look();
-            let delivered = seen
-                .parts
-                .iter()
-                .filter(|(number, (_, standing))| *standing == Standing::Delivered && !seen.answered.contains(number));
-            delivered.map(|(number, (part, _))| (*number, part.clone())).collect()
-        };
-        let mut answers = Vec::new();
-        for (number, part) in due {
+    fn answer(&self) -> Option<(usize, Answer)> {
+        loop {
+            let due = {
+                let seen = self.look();
+                let due = |(number, (_, standing)): &(&usize, &(Part, Standing))| {
+                    *standing == Standing::Delivered && !seen.answered.contains(number)
+                };
+                seen.parts.iter().find(due).map(|(number, (part, _))| (*number, part.clone()))
+            };
+            let (number, part) = due?;
             self.seen().answered.insert(number);
             match self.fetch(&part) {
-                Ok(answer) => answers.push((number, answer)),
+                Ok(answer) => return Some((number, answer)),
                 Err(error) => {
                     tracing::warn!(part = number, %error, "a part's answer cannot be read; it is done here");
                     self.seen().spoilt.insert(number);
                 }
             }
         }
-        answers
+    }
+
+    fn goes_on(&self) -> bool {
+        !self.stop.load(Ordering::Relaxed)
     }
 }
 

@@ -1,5 +1,6 @@
 //! A part of another's fit, done by a worker that has nothing else to do.
 
+use std::future::Future;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,23 +11,26 @@ use tokio::runtime::Handle;
 
 use super::letters;
 use crate::map::npz::NpzError;
-use crate::sparse::SparseError;
+use crate::sparse::{Answer, SparseError};
 use crate::store::{ArtifactsError, Hold, Part, StoreError};
 use crate::worker::Workshop;
 use crate::worker::background::in_background;
 
 /// How often a part is held on to, and its parcel looked for.
 const BEAT: Duration = Duration::from_millis(500);
-const LOOK: Duration = Duration::from_millis(20);
-/// How long a parcel, and memory for it, is waited for. Then somebody else may have the part.
-const WAITS: Duration = Duration::from_secs(20);
+const LOOK: Duration = Duration::from_millis(100);
+/// How long a parcel is waited for, and memory for it. Then the part is somebody else's, or its attempt's.
+const SENT_WITHIN: Duration = Duration::from_secs(20);
+const MEMORY_WITHIN: Duration = Duration::from_secs(2);
 
 #[derive(Debug, Error)]
 enum HelpError {
-    #[error("it was another's by then")]
+    #[error("it was another's by then, or nobody's")]
     Lost,
-    #[error("{0} did not come in time")]
-    Late(&'static str),
+    #[error("its parcel did not come in time")]
+    Late,
+    #[error("there is no memory for it (--memory)")]
+    Memory,
     #[error(transparent)]
     Store(#[from] StoreError),
     #[error(transparent)]
@@ -41,15 +45,18 @@ enum HelpError {
     Panic,
 }
 
-/// Does a part that was taken. What fails is told in the log: the attempt whose part it is does it then.
-pub fn help(workshop: &Arc<Workshop>, runtime: &Handle, part: &Part) {
+/// Does a part that was taken; whether it did. What fails is told in the log: somebody else tries once more, then the attempt
+/// whose part it is does it.
+pub fn help(workshop: &Arc<Workshop>, runtime: &Handle, part: &Part) -> bool {
     let begun = Instant::now();
     // Draining stops it as it stops attempts.
     let key = format!("{}/{}", part.prefix, part.number);
     tracing::info!(part = %key, "a part begins");
     let stop = workshop.enter(&key);
     let heart = runtime.spawn(keep_hold(workshop.clone(), part.clone(), stop.clone()));
-    let outcome = work(workshop, runtime, part, &stop);
+    // A panic in the numerics costs this part, not the solver thread.
+    let work = AssertUnwindSafe(|| work(workshop, runtime, part, &stop));
+    let outcome = catch_unwind(work).unwrap_or(Err(HelpError::Panic));
     heart.abort();
     workshop.leave(&key);
     match outcome {
@@ -57,12 +64,14 @@ pub fn help(workshop: &Arc<Workshop>, runtime: &Handle, part: &Part) {
             workshop.metrics.helped("done");
             let (seconds, of_work) = (begun.elapsed().as_secs_f64(), worked.as_secs_f64());
             tracing::info!(part = %key, seconds, of_work, "a part is done");
+            true
         }
         Err(error) => {
             workshop.metrics.helped("left");
             tracing::info!(part = %key, %error, "a part is left to others");
             // Where this fails, too, its lease lapses.
             let _ = runtime.block_on(workshop.records.hold_part(part, Duration::ZERO));
+            false
         }
     }
 }
@@ -70,21 +79,27 @@ pub fn help(workshop: &Arc<Workshop>, runtime: &Handle, part: &Part) {
 /// How long the work itself took.
 fn work(workshop: &Workshop, runtime: &Handle, part: &Part, stop: &AtomicBool) -> Result<Duration, HelpError> {
     let [parcel, answer] = part.files();
-    runtime.block_on(sent(workshop, part))?;
-    let bytes = runtime.block_on(workshop.artifacts.get(&part.prefix, &parcel, None))?;
+    runtime.block_on(unless_stopped(stop, sent(workshop, part)))?;
+    let get = async { Ok(workshop.artifacts.get(&part.prefix, &parcel, None).await?) };
+    let bytes = runtime.block_on(unless_stopped(stop, get))?;
     let parcel = letters::parcel(&bytes)?;
     drop(bytes);
-    let waited = Instant::now();
-    let waits = || !stop.load(Ordering::Relaxed) && waited.elapsed() < WAITS;
-    let held = workshop.memory.reserve(parcel.working_bytes() as u64, &waits);
-    let _held = held.ok_or(HelpError::Late("memory"))?;
-    // A panic in the numerics costs this part, not the solver thread.
+    parcel.check()?;
+    let (need, asked) = (parcel.working_bytes() as u64, Instant::now());
+    let waits = || !stop.load(Ordering::Relaxed) && asked.elapsed() < MEMORY_WITHIN;
+    let held = workshop.memory.allows(need).then(|| workshop.memory.reserve(need, &waits)).flatten();
+    let _held = held.ok_or(HelpError::Memory)?;
     let begun = Instant::now();
-    let work = AssertUnwindSafe(|| in_background(|| parcel.work(stop)));
-    let worked = catch_unwind(work).map_err(|_| HelpError::Panic)?.map_err(HelpError::Thread)?;
+    let worked = match in_background(|| parcel.work(stop)).map_err(HelpError::Thread)? {
+        Err(SparseError::Stopped) => return Err(HelpError::Lost),
+        // What it means (that a matrix is not positive definite, say) is the attempt's to find out: it does this part itself.
+        Err(_) => Answer::default(),
+        Ok(worked) => worked,
+    };
     let took = begun.elapsed();
-    let bytes = letters::of_answer(&worked?)?;
-    runtime.block_on(workshop.artifacts.put_for_now(&part.prefix, &answer, bytes))?;
+    let bytes = letters::of_answer(&worked)?;
+    let put = async { Ok(workshop.artifacts.put_for_now(&part.prefix, &answer, bytes).await?) };
+    runtime.block_on(unless_stopped(stop, put))?;
     match runtime.block_on(workshop.records.deliver_part(part))? {
         true => Ok(took),
         false => Err(HelpError::Lost),
@@ -98,9 +113,26 @@ async fn sent(workshop: &Workshop, part: &Part) -> Result<(), HelpError> {
         match workshop.records.hold_part(part, workshop.rules.lease).await? {
             Hold::Sent => return Ok(()),
             Hold::Lost => return Err(HelpError::Lost),
-            Hold::Waits if since.elapsed() > WAITS => return Err(HelpError::Late("its parcel")),
+            Hold::Waits if since.elapsed() > SENT_WITHIN => return Err(HelpError::Late),
             Hold::Waits => tokio::time::sleep(LOOK).await,
         }
+    }
+}
+
+/// What comes of it, unless it is stopped before.
+async fn unless_stopped<T>(
+    stop: &AtomicBool,
+    work: impl Future<Output = Result<T, HelpError>>,
+) -> Result<T, HelpError> {
+    let stopped = async {
+        while !stop.load(Ordering::Relaxed) {
+            tokio::time::sleep(LOOK).await;
+        }
+    };
+    tokio::select! {
+        biased;
+        () = stopped => Err(HelpError::Lost),
+        outcome = work => outcome,
     }
 }
 

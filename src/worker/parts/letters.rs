@@ -6,6 +6,16 @@
 use crate::map::npz::{NpzError, NpzReader, NpzWriter};
 use crate::sparse::{Answer, Parcel};
 
+/// What both sides have to agree on: while workers are replaced one after the other, some are of another version.
+const FORMAT: u32 = 1;
+
+fn known(format: u32) -> Result<(), NpzError> {
+    match format {
+        FORMAT => Ok(()),
+        other => Err(NpzError::Array(std::io::Error::other(format!("a part of format {other} is unknown here")))),
+    }
+}
+
 pub fn of_parcel(parcel: &Parcel) -> Result<Vec<u8>, NpzError> {
     let mut npz = NpzWriter::stored();
     for (name, values) in [
@@ -14,7 +24,7 @@ pub fn of_parcel(parcel: &Parcel) -> Result<Vec<u8>, NpzError> {
         ("rows", &parcel.rows),
         ("places", &parcel.places),
         ("wanted", &parcel.wanted),
-        ("counts", &vec![parcel.border, parcel.matrices]),
+        ("counts", &vec![FORMAT, parcel.border, parcel.matrices]),
     ] {
         npz.array(name, &[values.len()], values)?;
     }
@@ -33,12 +43,13 @@ pub fn parcel(bytes: &[u8]) -> Result<Parcel, NpzError> {
     let mut npz = NpzReader::new(bytes, bytes.len() as u64)?;
     let counts: Vec<u32> = npz.array("counts")?;
     let count = |k: usize| counts.get(k).copied().unwrap_or_default();
+    known(count(0))?;
     Ok(Parcel {
         begins: npz.array("begins")?,
         row_starts: npz.array("row_starts")?,
         rows: npz.array("rows")?,
-        border: count(0),
-        matrices: count(1),
+        border: count(1),
+        matrices: count(2),
         places: npz.array("places")?,
         entries: npz.array("entries")?,
         above: npz.array("above")?,
@@ -50,6 +61,7 @@ pub fn parcel(bytes: &[u8]) -> Result<Parcel, NpzError> {
 
 pub fn of_answer(answer: &Answer) -> Result<Vec<u8>, NpzError> {
     let mut npz = NpzWriter::stored();
+    npz.array("counts", &[1], &[FORMAT])?;
     npz.array("values", &[answer.values.len()], &answer.values)?;
     npz.array("handed_on", &[answer.handed_on.len()], &answer.handed_on)?;
     npz.finish()
@@ -57,6 +69,8 @@ pub fn of_answer(answer: &Answer) -> Result<Vec<u8>, NpzError> {
 
 pub fn answer(bytes: &[u8]) -> Result<Answer, NpzError> {
     let mut npz = NpzReader::new(bytes, bytes.len() as u64)?;
+    let counts: Vec<u32> = npz.array("counts")?;
+    known(counts.first().copied().unwrap_or_default())?;
     Ok(Answer { values: npz.array("values")?, handed_on: npz.array("handed_on")? })
 }
 
@@ -81,6 +95,9 @@ mod tests {
         assert_eq!(parcel(&bytes).unwrap(), sent);
         let answered = Answer { values: vec![1.0, -2.5], handed_on: vec![] };
         assert_eq!(answer(&of_answer(&answered).unwrap()).unwrap(), answered);
+        let mut later = NpzWriter::stored();
+        later.array("counts", &[3], &[FORMAT + 1, 0, 0]).unwrap();
+        assert!(parcel(&later.finish().unwrap()).unwrap_err().to_string().contains("format 2"));
         for at in [40, bytes.len() / 2, bytes.len() - 30] {
             let mut damaged = bytes.clone();
             damaged[at] ^= 1;
