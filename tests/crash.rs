@@ -148,7 +148,9 @@ fn a_frozen_worker_writes_nothing(database: &[&str]) {
     let job = || -> Value { server.get(&format!("/v1/jobs/{id}")).json() };
     until("it does not fit", || job()["progress"]["iteration"].as_i64() > Some(0));
     first.freeze(&server);
-    assert_eq!(job()["status"], "running", "it was stopped before it was done");
+    // Where standing still took long to come about, its lease has lapsed by now.
+    let stopped = job();
+    assert!(["running", "accepted"].contains(&stopped["status"].as_str().unwrap()), "it was done: {stopped}");
 
     let second = Worker::start(folder.path(), &shared);
     let done = server.wait(&id);
