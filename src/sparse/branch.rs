@@ -6,18 +6,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::cholesky::Elimination;
 use super::error::{LARGEST_FACTOR, SparseError};
-use super::parcel::{Answer, Parcel, triangle};
+use super::parcel::{Answer, Parcel, columns, triangle};
 use super::selected::{Derivative, Inverse, Sandwich};
-use super::team::{Pace, Team};
+use super::team::{Pace, watched};
 use super::tree::Tree;
 use super::walk::{Downward, Upward, branch_down, branch_up};
 
 impl Parcel {
-    /// Whether it is one: what is wrong with it else.
-    pub fn check(&self) -> Result<(), SparseError> {
-        Branch::of(self).map(drop)
-    }
-
     /// Does what is asked. Ends with [`SparseError::Stopped`] soon after `stop` is set; a parcel that is not one is
     /// [`SparseError::Setup`].
     pub fn work(&self, stop: &AtomicBool) -> Result<Answer, SparseError> {
@@ -48,16 +43,6 @@ struct Branch<'p> {
 
 fn not_one(what: &str) -> SparseError {
     SparseError::Setup(format!("this is no branch: its {what} do not fit"))
-}
-
-/// Entries of a branch's panels; none where they are too many to be counted.
-fn panels_of(parcel: &Parcel) -> Option<usize> {
-    let widths = parcel.begins.windows(2).map(|own| own[1].checked_sub(own[0]));
-    let rows = parcel.row_starts.windows(2).map(|own| own[1].checked_sub(own[0]));
-    widths.zip(rows).try_fold(0_usize, |sum, (width, rows)| {
-        let (width, rows) = (width? as usize, rows? as usize);
-        sum.checked_add(width.checked_mul(width.checked_add(rows)?)?)
-    })
 }
 
 fn wide(values: &[u32]) -> Vec<usize> {
@@ -92,7 +77,7 @@ impl<'p> Branch<'p> {
         }
         // What is allocated next is by what was sent.
         let held = parcel.places.len().max(parcel.factor.len());
-        if steps > held || border > rows.len() || panels_of(parcel).is_none_or(|entries| entries > LARGEST_FACTOR) {
+        if steps > held || border > rows.len() || parcel.panels() > LARGEST_FACTOR {
             return Err(not_one("sizes"));
         }
         let tree = Tree::of_supernodes(begins, row_starts, rows);
@@ -118,8 +103,7 @@ impl<'p> Branch<'p> {
         let mut values = vec![0.0; self.entries];
         let given = self.parcel.places.iter().zip(&self.parcel.entries);
         given.for_each(|(&place, &entry)| values[place as usize] = entry);
-        let updates =
-            self.watched(stop, |pace| branch_up(&self.tree, 0..self.supernodes, &mut values[..], pass, pace))?;
+        let updates = self.done(stop, |pace| branch_up(&self.tree, 0..self.supernodes, &mut values[..], pass, pace))?;
         let mut handed_on = Vec::new();
         for (_, update) in updates.left() {
             (0..update.ncols()).for_each(|column| handed_on.extend_from_slice(&update.col_as_slice(column)[column..]));
@@ -138,34 +122,31 @@ impl<'p> Branch<'p> {
             self.parcel.above.chunks(triangle(border).max(1)).map(|own| square(own, border)).collect();
         let above = |_: usize, k: usize| panels.get(k).map_or(&[][..], |own| &own[..]);
         let wanted = &self.parcel.wanted;
-        let kept =
-            self.watched(stop, |pace| branch_down(&self.tree, 0..self.supernodes, &above, wanted, pass, pace))?;
+        let kept = self.done(stop, |pace| branch_down(&self.tree, 0..self.supernodes, &above, wanted, pass, pace))?;
         Ok(Answer { values: kept.into_flattened(), handed_on: Vec::new() })
     }
 
-    fn watched<R: Send>(
+    fn done<R: Send>(
         &self,
         stop: &AtomicBool,
         work: impl FnOnce(&Pace) -> Result<R, SparseError> + Send,
     ) -> Result<R, SparseError> {
         let pace = Pace::of(self.tree.work_of(0..self.supernodes));
         let go_on = |_: f64| !stop.load(Ordering::Relaxed);
-        let work = std::sync::Mutex::new(Some(work));
-        let done = Team::alone().each_at_pace(vec![()], &pace, &go_on, |()| {
-            let own = work.lock().unwrap_or_else(std::sync::PoisonError::into_inner).take();
-            own.ok_or(SparseError::Stopped)?(&pace)
-        })?;
-        done.into_iter().next().ok_or(SparseError::Stopped)
+        watched(
+            || work(&pace),
+            || {
+                let _ = pace.ask(&go_on);
+            },
+        )
     }
 }
 
 /// A square matrix, column after column, of its packed lower triangle; zero above.
 fn square(packed: &[f64], rows: usize) -> Vec<f64> {
-    let (mut all, mut rest) = (vec![0.0; rows * rows], packed);
-    for column in 0..rows {
-        let (own, others) = rest.split_at(rows - column);
+    let mut all = vec![0.0; rows * rows];
+    for (column, own) in columns(packed, rows).enumerate() {
         all[column * rows + column..(column + 1) * rows].copy_from_slice(own);
-        rest = others;
     }
     all
 }
@@ -179,6 +160,7 @@ mod tests {
     use super::*;
     use crate::sparse::division::Division;
     use crate::sparse::selected::tests::{random_spd, seen_place};
+    use crate::sparse::team::Team;
     use crate::sparse::{Abroad, Cholesky, Offer, selected_inverse, selected_sandwich};
 
     /// Others who take every branch but the first at once. What becomes of it is by its number.

@@ -71,8 +71,7 @@ fn border(tree: &Tree, branch: &Range<usize>) -> Vec<usize> {
 fn block_of<'v>(tree: &Tree, branch: &Range<usize>, border: &[usize], above: &dyn Fn(usize) -> &'v [f64]) -> Vec<f64> {
     let count = border.len();
     let mut block = vec![0.0; triangle(count)];
-    let outside = branch.clone().filter(|&s| tree.parent(s).is_some_and(|parent| !branch.contains(&parent)));
-    for s in outside {
+    for s in tree.handing_on(branch) {
         let between = tree.trailing(s, above);
         let at: Vec<usize> = tree.below(s).iter().map(|step| border.partition_point(|other| other < step)).collect();
         for (column, &to) in at.iter().enumerate() {

@@ -41,21 +41,39 @@ pub struct Answer {
 }
 
 impl Parcel {
+    /// Every supernode's width, and how many rows are below it. Of a parcel that is none, something.
+    fn fronts(&self) -> impl Iterator<Item = (usize, usize)> {
+        let lengths = |starts: &[u32]| starts.windows(2).map(|own| own[1].saturating_sub(own[0]) as usize).collect();
+        let (widths, rows): (Vec<usize>, Vec<usize>) = (lengths(&self.begins), lengths(&self.row_starts));
+        widths.into_iter().zip(rows)
+    }
+
+    /// Entries of the branch's panels, or as many as there are numbers for.
+    pub(super) fn panels(&self) -> usize {
+        self.fronts().fold(0, |sum: usize, (width, rows)| sum.saturating_add(width.saturating_mul(width + rows)))
+    }
+
     /// About how many bytes it takes to work on it, its own among them.
     pub fn working_bytes(&self) -> usize {
-        let steps = self.begins.windows(2).map(|own| (own[1].saturating_sub(own[0])) as usize);
-        let below = self.row_starts.windows(2).map(|own| (own[1].saturating_sub(own[0])) as usize);
-        let (mut panels, mut widest) = (0, 0);
-        for (width, rows) in steps.zip(below) {
-            panels += width * (width + rows);
-            widest = widest.max((width + rows) * (width + rows));
-        }
+        let widest = self.fronts().map(|(width, rows)| (width + rows).saturating_pow(2)).max().unwrap_or(0);
         let held = self.factor.len() + self.derivative.len() + 3 * self.above.len() + 2 * self.entries.len();
-        8 * (held + (self.matrices.max(1) as usize + 1) * (panels + 3 * widest))
+        let matrices = self.matrices.max(1) as usize + 1;
+        let working = matrices.saturating_mul(self.panels().saturating_add(widest.saturating_mul(3)));
+        working.saturating_add(held).saturating_mul(8)
     }
 }
 
 /// Entries of a lower triangle.
 pub(super) fn triangle(rows: usize) -> usize {
     rows * (rows + 1) / 2
+}
+
+/// The columns of a packed lower triangle, each from the diagonal on.
+pub(super) fn columns(packed: &[f64], rows: usize) -> impl Iterator<Item = &[f64]> {
+    let mut rest = packed;
+    (0..rows).map(move |column| {
+        let (own, others) = rest.split_at(rows - column);
+        rest = others;
+        own
+    })
 }

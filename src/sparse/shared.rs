@@ -9,7 +9,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use super::abroad::Offer;
 use super::error::SparseError;
 use super::parcel::{Answer, Parcel};
-use super::team::{Pace, Team, Told, all_or_why_not, is_panicking, pause, watched};
+use super::team::{Pace, StopsOthers, Team, Told, all_or_why_not, pause, watched};
 
 /// How branches become parcels, and answers results.
 pub(super) struct Post<'p, T, R> {
@@ -139,17 +139,6 @@ impl Team {
         });
         drop(offer);
         all_or_why_not(slots.into_iter().map(Slot::outcome).collect())
-    }
-}
-
-/// Whoever panics leaves nobody waiting for it.
-struct StopsOthers<'p>(&'p Pace);
-
-impl Drop for StopsOthers<'_> {
-    fn drop(&mut self) {
-        if is_panicking() {
-            self.0.stop();
-        }
     }
 }
 

@@ -5,6 +5,7 @@
 
 use super::cholesky::Cholesky;
 use super::division::Division;
+use super::parcel::triangle;
 
 /// A branch, or a supernode above the branches.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,14 +32,13 @@ impl Cholesky {
         groups.sort_by_key(|(range, _)| range.start);
         let task_of = |s: usize| groups.partition_point(|(range, _)| range.start <= s) - 1;
         let tasks = groups.iter().map(|(range, branch)| {
-            let parents = range.clone().filter_map(|s| Some((s, tree.parent(s)?)));
-            let handed: Vec<_> = parents.filter(|(_, parent)| !range.contains(parent)).collect();
-            let mut needed_by: Vec<usize> = handed.iter().map(|(_, parent)| task_of(*parent)).collect();
+            let mut needed_by: Vec<usize> =
+                tree.handing_on(range).filter_map(|s| tree.parent(s)).map(task_of).collect();
             needed_by.dedup();
             Task {
                 work: tree.work_of(range.clone()),
                 entries: tree.span(range.clone()).len(),
-                update: handed.iter().map(|(s, _)| tree.below(*s).len() * (tree.below(*s).len() + 1) / 2).sum(),
+                update: tree.handing_on(range).map(|s| triangle(tree.below(s).len())).sum(),
                 needed_by,
                 branch: *branch,
             }

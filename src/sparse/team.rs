@@ -224,11 +224,6 @@ pub(super) fn watched<R: Send>(work: impl FnOnce() -> R + Send, mut watch: impl 
     })
 }
 
-/// Whether this thread is on its way out.
-pub(super) fn is_panicking() -> bool {
-    std::thread::panicking()
-}
-
 /// Waits for what others do.
 pub(super) fn pause() {
     std::thread::sleep(LOOK);
@@ -313,6 +308,17 @@ impl Pace {
 
     pub fn goes_on(&self) -> Result<(), SparseError> {
         if self.stopped.load(Ordering::Relaxed) { Err(SparseError::Stopped) } else { Ok(()) }
+    }
+}
+
+/// Whoever panics leaves nobody waiting for it.
+pub(super) struct StopsOthers<'p>(pub &'p Pace);
+
+impl Drop for StopsOthers<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.stop();
+        }
     }
 }
 

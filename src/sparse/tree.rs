@@ -83,6 +83,11 @@ impl Tree {
         self.below(s).first().map(|&step| self.owner[step])
     }
 
+    /// The supernodes of a range that hand their updates to one outside.
+    pub fn handing_on(&self, range: &Range<usize>) -> impl Iterator<Item = usize> {
+        range.clone().filter(move |&s| self.parent(s).is_some_and(|parent| !range.contains(&parent)))
+    }
+
     /// The steps that supernodes eliminate.
     pub fn steps(&self, supernodes: Range<usize>) -> Range<usize> {
         self.begins[supernodes.start]..self.begins[supernodes.end]

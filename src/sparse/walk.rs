@@ -12,7 +12,7 @@ use faer::Mat;
 use super::division::Division;
 use super::error::SparseError;
 use super::packing::Matter;
-use super::parcel::{Answer, Parcel, triangle};
+use super::parcel::{Answer, Parcel, columns, triangle};
 use super::shared::Post;
 use super::team::{Pace, Team};
 use super::tree::Tree;
@@ -187,8 +187,7 @@ pub(super) fn up(
 
 /// What another made of a branch: its panels, and what it hands on. None where the answer is not one to this question.
 fn accepted(tree: &Tree, branch: Range<usize>, values: &mut [f64], answer: &Answer) -> Option<Updates> {
-    let outside = |s: &usize| tree.parent(*s).is_some_and(|parent| !branch.contains(&parent));
-    let handing: Vec<usize> = branch.clone().filter(outside).collect();
+    let handing: Vec<usize> = tree.handing_on(&branch).collect();
     let entries = handing.iter().map(|&s| triangle(tree.below(s).len())).sum::<usize>();
     if answer.values.len() != values.len() || answer.handed_on.len() != entries {
         return None;
@@ -197,12 +196,12 @@ fn accepted(tree: &Tree, branch: Range<usize>, values: &mut [f64], answer: &Answ
     let (mut updates, mut rest) = (Updates::of(branch), &answer.handed_on[..]);
     for s in handing {
         let rows = tree.below(s).len();
+        let (own, others) = rest.split_at(triangle(rows));
         let mut update = Mat::zeros(rows, rows);
-        for column in 0..rows {
-            let (own, others) = rest.split_at(rows - column);
-            update.col_as_slice_mut(column)[column..].copy_from_slice(own);
-            rest = others;
+        for (column, values) in columns(own, rows).enumerate() {
+            update.col_as_slice_mut(column)[column..].copy_from_slice(values);
         }
+        rest = others;
         updates.put(s, update);
     }
     Some(updates)

@@ -84,7 +84,6 @@ fn work(workshop: &Workshop, runtime: &Handle, part: &Part, stop: &AtomicBool) -
     let bytes = runtime.block_on(unless_stopped(stop, get))?;
     let parcel = letters::parcel(&bytes)?;
     drop(bytes);
-    parcel.check()?;
     let (need, asked) = (parcel.working_bytes() as u64, Instant::now());
     let waits = || !stop.load(Ordering::Relaxed) && asked.elapsed() < MEMORY_WITHIN;
     let held = workshop.memory.allows(need).then(|| workshop.memory.reserve(need, &waits)).flatten();
