@@ -8,7 +8,7 @@
 
 use geo_types::{Coord, LineString, MultiLineString, MultiPolygon, Polygon};
 
-use super::RenderError;
+use super::{ALWAYS, RenderError, Wanted, asked_seldom, still};
 use crate::fit::Distance;
 use crate::geometry::{Vec2, turned};
 use crate::map::{FittedMap, Samples, level_lines, zero_lines};
@@ -28,17 +28,30 @@ pub struct Contours {
 
 /// Traces a level, and with `sigma_band` the band of that many standard deviations.
 pub fn contours(map: &FittedMap, level: f64, sigma_band: Option<f64>, kind: Kind) -> Result<Contours, RenderError> {
+    contours_while(map, level, sigma_band, kind, ALWAYS)
+}
+
+/// Traces them as long as they are wanted.
+pub fn contours_while(
+    map: &FittedMap,
+    level: f64,
+    sigma_band: Option<f64>,
+    kind: Kind,
+    wanted: Wanted,
+) -> Result<Contours, RenderError> {
+    let goes_on = asked_seldom(wanted);
     let lines = match level {
         0.0 => zero_lines(map.chart())?,
-        level => level_lines(map.chart(), level, |p| map.distance_and_gradient(p))?,
+        level => level_lines(map.chart(), level, |p| goes_on().then(|| map.distance_and_gradient(p))?)?,
     };
+    still(wanted)?;
     let vector = map.field.distance() == Distance::Vector;
     let band = match sigma_band {
         Some(k) if level == 0.0 && vector => {
             let strips = lines.iter().map(|line| Polygon::new(line_string(&strip(map, line, k, kind)), vec![]));
             Some((k, MultiPolygon(strips.collect())))
         }
-        Some(k) => Some((k, band(map, level, k, kind)?)),
+        Some(k) => Some((k, band(map, level, k, kind, wanted)?)),
         None => None,
     };
     Ok(Contours { level, lines: MultiLineString(lines.iter().map(|line| line_string(line)).collect()), band })
@@ -66,7 +79,7 @@ fn strip(map: &FittedMap, line: &[Vec2], k: f64, kind: Kind) -> Vec<Vec2> {
     ring
 }
 
-fn band(map: &FittedMap, level: f64, k: f64, kind: Kind) -> Result<MultiPolygon<f64>, RenderError> {
+fn band(map: &FittedMap, level: f64, k: f64, kind: Kind, wanted: Wanted) -> Result<MultiPolygon<f64>, RenderError> {
     let samples = Samples::over(map.lattice());
     let ratio = |p: Vec2| match map.distance(p, kind) {
         Some((u, sigma)) if map.evidence.at(map.lattice(), p).any() => {
@@ -74,7 +87,10 @@ fn band(map: &FittedMap, level: f64, k: f64, kind: Kind) -> Result<MultiPolygon<
         }
         _ => FAR,
     };
-    let bands = samples.tracer().isobands(&samples.collect(ratio), &[-k, k])?;
+    let goes_on = asked_seldom(wanted);
+    let ratios = samples.collect(|p| if goes_on() { ratio(p) } else { FAR });
+    still(wanted)?;
+    let bands = samples.tracer().isobands(&ratios, &[-k, k])?;
     // Where nobody looked there is no ratio, and from a far one on the level's other side to none there seems to lie a
     // band. Somewhere on its edge a band has the ratio that it is made of, as finely as it was sampled.
     let is_there = |polygon: &&Polygon<f64>| {

@@ -4,6 +4,7 @@
 //! `P = Phi((r/2 - u)/s) - Phi((-r/2 - u)/s)`. A cell is known where a beam passed, or where a surface was met in it
 //! and the distance agrees that it may be there; what lies behind a wall stays unknown.
 
+use super::{RenderError, Wanted, still};
 use crate::geometry::Vec2;
 use crate::map::{FittedMap, normal_cdf};
 use crate::scan::{SUBCELLS, Seen};
@@ -61,16 +62,32 @@ impl OccupancyGrid {
 
     /// The grid over a map. The caller bounds [`OccupancyGrid::size`] first.
     pub fn of(map: &FittedMap, resolution: f64, kind: Kind) -> Self {
-        let [width, height] = Self::size(map.lattice(), resolution).map(|n| n as usize);
-        let origin = map.lattice().origin;
-        let mut data = Vec::with_capacity(width * height);
-        for j in 0..height {
-            for i in 0..width {
-                let at = |k: usize, axis: usize| origin[axis] + (k as f64 + 0.5) * resolution;
-                data.push(cell(map, Vec2::new(at(i, 0), at(j, 1)), resolution, kind));
-            }
+        let mut grid = Self::unknown(map, resolution);
+        (0..grid.height).for_each(|row| grid.fill(map, row, kind));
+        grid
+    }
+
+    /// The grid over a map, as long as it is wanted.
+    pub fn of_while(map: &FittedMap, resolution: f64, kind: Kind, wanted: Wanted) -> Result<Self, RenderError> {
+        let mut grid = Self::unknown(map, resolution);
+        for row in 0..grid.height {
+            still(wanted)?;
+            grid.fill(map, row, kind);
         }
-        Self { resolution, width, height, origin, data }
+        Ok(grid)
+    }
+
+    fn unknown(map: &FittedMap, resolution: f64) -> Self {
+        let [width, height] = Self::size(map.lattice(), resolution).map(|n| n as usize);
+        Self { resolution, width, height, origin: map.lattice().origin, data: vec![-1; width * height] }
+    }
+
+    fn fill(&mut self, map: &FittedMap, row: usize, kind: Kind) {
+        let (origin, resolution) = (self.origin, self.resolution);
+        let at = |k: usize, axis: usize| origin[axis] + (k as f64 + 0.5) * resolution;
+        for (i, data) in self.data[row * self.width..][..self.width].iter_mut().enumerate() {
+            *data = cell(map, Vec2::new(at(i, 0), at(row, 1)), resolution, kind);
+        }
     }
 
     /// The rows from the highest y down, as an image wants them.

@@ -2,16 +2,16 @@
 
 use std::cell::Cell;
 
-use super::RenderError;
 use super::axes::Axes;
 use super::color_bar::ColorScale;
-use super::contour::{Contours, contours};
+use super::contour::{Contours, contours_while};
 use super::figure::Figure;
 use super::legend::Sample;
 use super::occupancy::OccupancyGrid;
 use super::overlay::{draw_contours, draw_jumps, draw_poses, draw_returns};
 use super::text::number;
 use super::theme::{Theme, css, mixed};
+use super::{ALWAYS, RenderError, Wanted, asked_seldom, still};
 use crate::fit::Distance;
 use crate::geometry::Vec2;
 use crate::map::FittedMap;
@@ -95,20 +95,32 @@ pub struct Picture {
 
 /// The picture as SVG.
 pub fn map_picture(map: &FittedMap, picture: &Picture) -> Result<String, RenderError> {
-    Ok(map_figure(map, picture)?.finish())
+    map_picture_while(map, picture, ALWAYS)
+}
+
+/// The picture as SVG, as long as it is wanted.
+pub fn map_picture_while(map: &FittedMap, picture: &Picture, wanted: Wanted) -> Result<String, RenderError> {
+    Ok(figure_while(map, picture, wanted)?.finish())
 }
 
 /// The picture as a figure that more can be drawn into.
 pub fn map_figure(map: &FittedMap, picture: &Picture) -> Result<Figure, RenderError> {
+    figure_while(map, picture, ALWAYS)
+}
+
+fn figure_while(map: &FittedMap, picture: &Picture, wanted: Wanted) -> Result<Figure, RenderError> {
     let page = &picture.page;
     let mut figure = match picture.layer {
-        Layer::Distance => distance_layer(map, page)?,
-        Layer::Sigma => sigma_layer(map, page)?,
-        Layer::Occupancy => occupancy_layer(map, page, picture.cell)?,
+        Layer::Distance => distance_layer(map, page, wanted)?,
+        Layer::Sigma => sigma_layer(map, page, wanted)?,
+        Layer::Occupancy => occupancy_layer(map, page, picture.cell, wanted)?,
     };
     for overlay in &picture.overlays {
+        still(wanted)?;
         match overlay {
-            Overlay::Contour => draw_contours(&contours(map, 0.0, Some(2.0), page.kind)?, &mut figure),
+            Overlay::Contour => {
+                draw_contours(&contours_while(map, 0.0, Some(2.0), page.kind, wanted)?, &mut figure);
+            }
             Overlay::Points => draw_returns(&map.returns, &mut figure),
             Overlay::Poses => draw_poses(&map.poses, &mut figure),
             Overlay::Jumps => draw_jumps(map, &mut figure),
@@ -127,16 +139,16 @@ pub fn contour_picture(map: &FittedMap, traced: &Contours, page: &Page) -> Strin
 /// What nobody saw is washed out: it is extrapolated.
 const WASHED: f64 = 0.65;
 
-fn distance_layer(map: &FittedMap, page: &Page) -> Result<Figure, RenderError> {
+fn distance_layer(map: &FittedMap, page: &Page, wanted: Wanted) -> Result<Figure, RenderError> {
     let mut figure = page.figure(map, true);
     let (theme, signed) = (page.theme, map.field.distance() == Distance::Signed);
-    let seen = seen_sample(map, figure.axes, |p| map.distance_and_gradient(p).map(|(u, _)| u));
+    let seen = seen_sample(map, figure.axes, wanted, |p| map.distance_and_gradient(p).map(|(u, _)| u))?;
     let scale = if signed { ColorScale::symmetric(&seen, 0.1) } else { ColorScale::of(&seen, 0.1) };
     let color = |u: f64| if signed { theme.signed(scale.share(u)) } else { theme.distance(scale.share(u)) };
     let washed = |u: f64| mixed(color(u), theme.unseen(), WASHED);
     let ramp = [scale.low, 0.5 * (scale.low + scale.high), scale.high].map(washed);
     let sample = [theme.unseen(), ramp[0], ramp[1], ramp[2]].map(css).into();
-    fill(&mut figure, theme.unseen(), sample, |p| {
+    fill(&mut figure, (theme.unseen(), sample), wanted, |p| {
         let (u, _) = map.distance_and_gradient(p)?;
         let seen = map.evidence.at(map.lattice(), p).any();
         Some(if seen { Shown::Seen(color(u)) } else { Shown::Beyond(washed(u)) })
@@ -145,14 +157,14 @@ fn distance_layer(map: &FittedMap, page: &Page) -> Result<Figure, RenderError> {
     Ok(figure)
 }
 
-fn sigma_layer(map: &FittedMap, page: &Page) -> Result<Figure, RenderError> {
+fn sigma_layer(map: &FittedMap, page: &Page, wanted: Wanted) -> Result<Figure, RenderError> {
     let mut figure = page.figure(map, true);
     // Near surfaces sigma is least, and its ramp dark.
     figure.haloed = true;
     let theme = page.theme;
     let at = |p: Vec2| map.distance(p, page.kind).map(|(_, sigma)| sigma);
-    let scale = ColorScale::of(&seen_sample(map, figure.axes, at), 1e-6);
-    fill(&mut figure, theme.unseen(), vec![css(theme.unseen())], |p| {
+    let scale = ColorScale::of(&seen_sample(map, figure.axes, wanted, at)?, 1e-6);
+    fill(&mut figure, (theme.unseen(), vec![css(theme.unseen())]), wanted, |p| {
         let sigma = at(p).filter(|_| map.evidence.at(map.lattice(), p).any())?;
         Some(Shown::Seen(theme.sigma(scale.share(sigma))))
     })?;
@@ -162,15 +174,15 @@ fn sigma_layer(map: &FittedMap, page: &Page) -> Result<Figure, RenderError> {
     Ok(figure)
 }
 
-fn occupancy_layer(map: &FittedMap, page: &Page, cell: Option<f64>) -> Result<Figure, RenderError> {
+fn occupancy_layer(map: &FittedMap, page: &Page, cell: Option<f64>, wanted: Wanted) -> Result<Figure, RenderError> {
     let mut figure = page.figure(map, true);
     let cell = cell.unwrap_or_else(|| figure.axes.pixel().max(0.25 * map.lattice().resolution));
     figure.subtitle(&format!("{}, cells of {} m", page.about(map), number((cell * 1e4).round() / 1e4)));
     let theme = page.theme;
-    let grid = OccupancyGrid::of(map, cell, page.kind);
+    let grid = OccupancyGrid::of_while(map, cell, page.kind, wanted)?;
     let scale = ColorScale::whole(0.0, 100.0);
     let color = |percent: f64| theme.occupancy(scale.share(percent));
-    fill(&mut figure, theme.unknown(), vec![css(theme.unknown())], |p| {
+    fill(&mut figure, (theme.unknown(), vec![css(theme.unknown())]), wanted, |p| {
         let at = |axis: usize, n: usize| {
             let k = (p[axis] - grid.origin[axis]) / grid.resolution;
             (k >= 0.0 && k < n as f64).then_some(k as usize)
@@ -192,13 +204,13 @@ enum Shown {
 /// Fills the plot, with `unseen` where there is nothing to show, and names what nobody saw, by a sample of its colours.
 fn fill(
     figure: &mut Figure,
-    unseen: [u8; 3],
-    sample: Vec<String>,
+    (unseen, sample): ([u8; 3], Vec<String>),
+    wanted: Wanted,
     shown: impl Fn(Vec2) -> Option<Shown>,
 ) -> Result<(), RenderError> {
-    let any_unseen = Cell::new(false);
+    let (any_unseen, goes_on) = (Cell::new(false), asked_seldom(wanted));
     figure.raster(|p| {
-        let [r, g, b] = match shown(p) {
+        let [r, g, b] = match goes_on().then(|| shown(p)).flatten() {
             Some(Shown::Seen(color)) => color,
             other => {
                 any_unseen.set(true);
@@ -207,6 +219,7 @@ fn fill(
         };
         [r, g, b, 255]
     })?;
+    still(wanted)?;
     if any_unseen.get() {
         figure.name("unseen", Sample::Stripes(sample));
     }
@@ -214,13 +227,21 @@ fn fill(
 }
 
 /// A layer's values where there is evidence, on every fourth pixel, ascending: what a colour scale is chosen from.
-fn seen_sample(map: &FittedMap, axes: Axes, value: impl Fn(Vec2) -> Option<f64>) -> Vec<f64> {
+fn seen_sample(
+    map: &FittedMap,
+    axes: Axes,
+    wanted: Wanted,
+    value: impl Fn(Vec2) -> Option<f64>,
+) -> Result<Vec<f64>, RenderError> {
     let (rows, columns) = (axes.height.div_ceil(4), axes.width.div_ceil(4));
+    let goes_on = asked_seldom(wanted);
     let mut seen: Vec<f64> = (0..rows * columns)
         .map(|k| axes.point(4 * (k % columns), 4 * (k / columns)))
+        .take_while(|_| goes_on())
         .filter(|&p| map.evidence.at(map.lattice(), p).any())
         .filter_map(value)
         .collect();
+    still(wanted)?;
     seen.sort_by(f64::total_cmp);
-    seen
+    Ok(seen)
 }

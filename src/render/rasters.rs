@@ -8,8 +8,8 @@ use std::io::Cursor;
 use geotiff_writer::{Compression, GeoTiffBuilder, ModelType};
 use ndarray::Array3;
 
-use super::RenderError;
 use super::occupancy::OccupancyGrid;
+use super::{RenderError, Wanted, still};
 use crate::geometry::Vec2;
 use crate::map::FittedMap;
 use crate::map::npz::{NpzError, NpzWriter};
@@ -48,8 +48,14 @@ pub struct Rasters {
 }
 
 impl Rasters {
-    /// The layers over a map. The caller bounds [`OccupancyGrid::size`] first.
-    pub fn of(map: &FittedMap, layers: &[RasterLayer], resolution: f64, kind: Kind) -> Self {
+    /// The layers over a map, as long as they are wanted. The caller bounds [`OccupancyGrid::size`] first.
+    pub fn of_while(
+        map: &FittedMap,
+        layers: &[RasterLayer],
+        resolution: f64,
+        kind: Kind,
+        wanted: Wanted,
+    ) -> Result<Self, RenderError> {
         let [width, height] = OccupancyGrid::size(map.lattice(), resolution).map(|n| n as usize);
         let origin = map.lattice().origin;
         let center = |k: usize| {
@@ -59,7 +65,14 @@ impl Rasters {
         let mut layers: Vec<(RasterLayer, Vec<f32>)> =
             layers.iter().map(|layer| (*layer, vec![f32::NAN; width * height])).collect();
         let measured = layers.iter().any(|(layer, _)| *layer != RasterLayer::Clearance);
-        for (k, p) in (0..width * height).map(|k| (k, center(k))).filter(|(_, p)| map.observed(*p) == Some(true)) {
+        for k in 0..width * height {
+            if k % width == 0 {
+                still(wanted)?;
+            }
+            let p = center(k);
+            if map.observed(p) != Some(true) {
+                continue;
+            }
             let distance = if measured { map.distance(p, kind) } else { None };
             for (layer, values) in &mut layers {
                 let value = match layer {
@@ -70,7 +83,7 @@ impl Rasters {
                 values[k] = value.map_or(f32::NAN, |value| value as f32);
             }
         }
-        Self { resolution, origin, width, height, layers }
+        Ok(Self { resolution, origin, width, height, layers })
     }
 
     /// Arrays by the layers' names, with `origin` and `resolution`.

@@ -4,10 +4,10 @@
 //! upwards; `x` and `y` may be negative. What is not observed is transparent. A tile's colours do not depend on what else
 //! the map holds, so that tiles fit together: the scale ends where the viewer says.
 
-use super::RenderError;
 use super::occupancy::probability;
 use super::raster::rgba_png;
 use super::theme::shade;
+use super::{RenderError, Wanted, still};
 use crate::fit::Distance;
 use crate::geometry::Vec2;
 use crate::map::FittedMap;
@@ -42,15 +42,13 @@ pub struct Tile {
     pub most: f64,
 }
 
-/// A tile as PNG, while `wanted` holds; `None` where it does not any more.
-pub fn tile(map: &FittedMap, tile: &Tile, wanted: &dyn Fn() -> bool) -> Result<Option<Vec<u8>>, RenderError> {
+/// A tile as PNG, as long as it is wanted.
+pub fn tile(map: &FittedMap, tile: &Tile, wanted: Wanted) -> Result<Vec<u8>, RenderError> {
     let side = COARSEST_SIDE / f64::from(1u32 << tile.level.min(FINEST));
     let pixel = side / f64::from(SIDE);
     let mut pixels = vec![0; 4 * (SIDE * SIDE) as usize];
     for (row, line) in pixels.chunks_exact_mut(4 * SIDE as usize).enumerate() {
-        if !wanted() {
-            return Ok(None);
-        }
+        still(wanted)?;
         let y = f64::from(tile.y) * side + (f64::from(SIDE) - row as f64 - 0.5) * pixel;
         for (column, color) in line.chunks_exact_mut(4).enumerate() {
             let p = Vec2::new(f64::from(tile.x) * side + (column as f64 + 0.5) * pixel, y);
@@ -59,7 +57,7 @@ pub fn tile(map: &FittedMap, tile: &Tile, wanted: &dyn Fn() -> bool) -> Result<O
             }
         }
     }
-    rgba_png(SIDE, SIDE, &pixels).map(Some)
+    rgba_png(SIDE, SIDE, &pixels)
 }
 
 fn color_at(map: &FittedMap, tile: &Tile, p: Vec2, pixel: f64) -> Option<[u8; 3]> {

@@ -13,7 +13,7 @@ use super::dry_run::DryRun;
 use super::record::JobBody;
 use super::schema::JoinRequestBody;
 use super::submit::{Submitted, accept, idempotency_key, new_job, within_memory};
-use crate::http::shared::compute::{Leash, Queue, too_slow};
+use crate::http::shared::compute::{Leash, Queue};
 use crate::http::shared::negotiate::JSON;
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
@@ -65,7 +65,7 @@ pub async fn join_maps(
     if dry_run {
         let try_out = move |leash: &Leash| {
             let (request, _) = whole(join, &packed, &json, &limits)?;
-            DryRun::of(&request, &|| leash.holds()).ok_or_else(too_slow)
+            DryRun::of(&request, &|| leash.holds()).ok_or_else(Problem::too_slow)
         };
         return Ok(Json(state.compute.run(Queue::Requests, try_out).await?).into_response());
     }

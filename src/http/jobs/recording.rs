@@ -10,7 +10,7 @@ use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
 use super::document::Document;
-use crate::http::shared::compute::{Leash, too_slow};
+use crate::http::shared::compute::Leash;
 use crate::http::shared::multipart::{Part, parts};
 use crate::http::shared::problem::Problem;
 use crate::import::{Ask, LogError, RecordingError, RecordingLimits, Selection, job_json, read_log};
@@ -169,7 +169,7 @@ impl Options {
 /// What is wrong with the recording, as a problem.
 fn refused(error: LogError) -> Problem {
     let too_large = match &error {
-        LogError::Recording(RecordingError::Stopped) => return too_slow(),
+        LogError::Recording(RecordingError::Stopped) => return Problem::too_slow(),
         LogError::Recording(RecordingError::TooLarge { .. }) => true,
         LogError::Recording(RecordingError::Io(io)) | LogError::Io(io) => io.kind() == std::io::ErrorKind::FileTooLarge,
         _ => false,

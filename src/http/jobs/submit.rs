@@ -16,7 +16,7 @@ use super::record::JobBody;
 use super::recording;
 use super::schema::{JobRequestBody, RecordingBody};
 use crate::http::shared::body::Received;
-use crate::http::shared::compute::{Leash, Queue, too_slow};
+use crate::http::shared::compute::{Leash, Queue};
 use crate::http::shared::multipart;
 use crate::http::shared::negotiate::{JSON, MULTIPART};
 use crate::http::shared::params::Params;
@@ -70,7 +70,7 @@ pub async fn submit_job(
     if dry_run {
         let try_out = move |leash: &Leash| {
             let request = JobRequest::parse(&reading.document(received, leash)?.json, &reading.limits)?;
-            let run = DryRun::of(&request, &|| leash.holds()).ok_or_else(too_slow)?;
+            let run = DryRun::of(&request, &|| leash.holds()).ok_or_else(Problem::too_slow)?;
             Ok(if reading.boundary.is_some() { run.showing(&request) } else { run })
         };
         return Ok(Json(state.compute.run(Queue::Answers, try_out).await?).into_response());

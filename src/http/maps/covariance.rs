@@ -11,7 +11,7 @@ use super::arrays::OnLattice;
 use super::record::LatticeBody;
 use super::request::{KINDS, MapRequest, Settled};
 use super::resumed::{from_factors, joint};
-use crate::http::shared::compute::{Leash, Queue, too_slow};
+use crate::http::shared::compute::{Leash, Queue};
 use crate::http::shared::negotiate::{Binary, Format, JSON, NPZ};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused, to_json};
@@ -135,7 +135,7 @@ pub async fn get_map_covariance(mut request: MapRequest) -> Result<Response, Pro
     let workshop = wanted.state.workshop.clone();
     let make = move |leash: &Leash| {
         let need = joint.block_bytes(&points).map_err(|error| Problem::internal(&error))?;
-        let _held = workshop.reserve(need as u64, &|| leash.holds()).ok_or_else(too_slow)?;
+        let _held = workshop.reserve(need as u64, &|| leash.holds()).ok_or_else(Problem::too_slow)?;
         dense(&joint, &map, (kind, leash), &points, window, format)
     };
     let body = wanted.state.compute.run(Queue::Heavy, make).await?;

@@ -12,7 +12,7 @@ use utoipa::ToSchema;
 use super::resumed::joint;
 use crate::geometry::{Cov3, Pose};
 use crate::http::jobs::schema::{NoiseBody, PoseBody};
-use crate::http::shared::compute::{Leash, Queue, too_slow};
+use crate::http::shared::compute::{Leash, Queue};
 use crate::http::shared::negotiate::{JSON, negotiate};
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused, to_json};
@@ -161,7 +161,7 @@ fn reserved<'a>(
     go_on: &dyn Fn() -> bool,
 ) -> Result<Reserved<'a>, Problem> {
     let together = if asked.motions.is_some() { asked.scans.len() } else { AT_ONCE };
-    state.workshop.reserve(joint.most_bytes(3 * together) as u64, go_on).ok_or_else(too_slow)
+    state.workshop.reserve(joint.most_bytes(3 * together) as u64, go_on).ok_or_else(Problem::too_slow)
 }
 
 /// The raster of a map, kept or formed now.
@@ -175,7 +175,7 @@ fn ground(state: &AppState, id: &str, map: &FittedMap) -> Arc<Ground> {
 
 fn refused(error: LocalizeError) -> Problem {
     match error {
-        LocalizeError::Cancelled | LocalizeError::Uncertainty(UncertaintyError::Cancelled) => too_slow(),
+        LocalizeError::Cancelled | LocalizeError::Uncertainty(UncertaintyError::Cancelled) => Problem::too_slow(),
         // The question was validated: what is left is the service's own.
         other => Problem::internal(&other),
     }

@@ -14,7 +14,7 @@ use crate::jobs::MapRecord;
 use crate::map::FittedMap;
 use crate::render::{
     Layer, Nav2Mode, OccupancyGrid, Overlay, Page, Picture, RasterLayer, Rasters, Stamp, Theme, contour_picture,
-    contours as trace, grayscale_png, map_picture, svg_to_png, to_geojson, to_mcap, to_nav2_zip,
+    contours_while as trace, grayscale_png, map_picture_while, svg_to_png, to_geojson, to_mcap, to_nav2_zip,
 };
 use crate::uncertainty::Kind;
 
@@ -48,8 +48,7 @@ pub async fn get_map_contours(mut request: MapRequest) -> Result<Response, Probl
     let kind = params.choice("kind", &KINDS);
     let page = page(params, kind);
     let make = move |map: &FittedMap, record: &MapRecord, format, leash: &Leash| {
-        let traced = trace(map, level, sigma_band, kind)?;
-        leash.goes_on()?;
+        let traced = trace(map, level, sigma_band, kind, &|| leash.holds())?;
         let what = if level == 0.0 { "contour".to_owned() } else { format!("contour of {level} m") };
         let picture = || contour_picture(map, &traced, &Page { title: title(record, &what), ..page });
         match format {
@@ -82,8 +81,7 @@ pub async fn get_map_ogm(mut request: MapRequest) -> Result<Response, Problem> {
         params.fault("resolution", format!("gives {:.0} cells; the limit is {LARGEST_GRID:.0}", width * height));
     }
     let make = move |map: &FittedMap, record: &MapRecord, format, leash: &Leash| {
-        let grid = OccupancyGrid::of(map, resolution, kind);
-        leash.goes_on()?;
+        let grid = OccupancyGrid::of_while(map, resolution, kind, &|| leash.holds())?;
         match format {
             PNG => Ok(grayscale_png(grid.width as u32, grid.height as u32, &grid.to_gray())?),
             ZIP => Ok(to_nav2_zip(&grid, mode)?),
@@ -115,8 +113,7 @@ pub async fn get_map_grid(mut request: MapRequest) -> Result<Response, Problem> 
         params.fault("resolution", format!("gives {:.0} cells; the limit is {LARGEST_GRID:.0}", width * height));
     }
     let make = move |map: &FittedMap, _: &MapRecord, format, leash: &Leash| {
-        let rasters = Rasters::of(map, &layers, resolution, kind);
-        leash.goes_on()?;
+        let rasters = Rasters::of_while(map, &layers, resolution, kind, &|| leash.holds())?;
         if format == TIFF { Ok(rasters.to_geotiff()?) } else { Ok(rasters.to_npz()?) }
     };
     request.answer_while(&[NPZ, TIFF], make).await
@@ -142,9 +139,9 @@ pub async fn get_map_mcap(mut request: MapRequest) -> Result<Response, Problem> 
         params.fault("resolution", format!("gives {:.0} cells; the limit is {LARGEST_GRID:.0}", width * height));
     }
     let make = move |map: &FittedMap, record: &MapRecord, _, leash: &Leash| {
-        let grid = OccupancyGrid::of(map, resolution, kind);
-        leash.goes_on()?;
-        let rasters = Rasters::of(map, &[RasterLayer::Distance, RasterLayer::Sigma], resolution, kind);
+        let grid = OccupancyGrid::of_while(map, resolution, kind, &|| leash.holds())?;
+        let layers = [RasterLayer::Distance, RasterLayer::Sigma];
+        let rasters = Rasters::of_while(map, &layers, resolution, kind, &|| leash.holds())?;
         leash.goes_on()?;
         Ok(to_mcap(&grid, &rasters, &Stamp { frame: FRAME, milliseconds: record.created })?)
     };
@@ -206,12 +203,13 @@ pub async fn get_map_image(mut request: MapRequest) -> Result<Response, Problem>
         Layer::Sigma => "standard deviation of the distance",
         Layer::Occupancy => "occupancy",
     };
-    let make = move |map: &FittedMap, record: &MapRecord, format| {
+    let make = move |map: &FittedMap, record: &MapRecord, format, leash: &Leash| {
         let picture = Picture { layer, overlays, cell: None, page: Page { title: title(record, name), ..page } };
-        let svg = map_picture(map, &picture)?;
+        let svg = map_picture_while(map, &picture, &|| leash.holds())?;
+        leash.goes_on()?;
         if format == SVG { Ok(svg.into_bytes()) } else { Ok(svg_to_png(&svg)?) }
     };
-    request.answer(&[PNG, SVG], make).await
+    request.answer_while(&[PNG, SVG], make).await
 }
 
 /// What a picture is drawn on; its title is said later.

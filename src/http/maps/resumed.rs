@@ -9,7 +9,7 @@ use std::sync::Arc;
 use axum::http::StatusCode;
 
 use crate::fit::Estimate;
-use crate::http::shared::compute::{Leash, Queue, too_slow};
+use crate::http::shared::compute::{Leash, Queue};
 use crate::http::shared::problem::Problem;
 use crate::http::shared::{AppState, Caller};
 use crate::jobs::{MapRecord, Stored};
@@ -83,11 +83,11 @@ impl Ended {
         let request = Stored::read(&stored).and_then(|stored| stored.request(&workshop.limits));
         let request = request.map_err(|error| Problem::internal(&error))?;
         drop(stored);
-        let (_, cost) = request.cost(&|| leash.holds()).ok_or_else(too_slow)?;
+        let (_, cost) = request.cost(&|| leash.holds()).ok_or_else(Problem::too_slow)?;
         if !workshop.allows(cost.bytes as u64) {
             return Err(too_large(cost.bytes));
         }
-        let _held = workshop.reserve(cost.bytes as u64, &|| leash.holds()).ok_or_else(too_slow)?;
+        let _held = workshop.reserve(cost.bytes as u64, &|| leash.holds()).ok_or_else(Problem::too_slow)?;
         let estimate = request.resume(&self.map).map_err(|error| Problem::internal(&error))?;
         leash.goes_on()?;
         form(estimate)

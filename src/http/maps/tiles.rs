@@ -6,7 +6,7 @@ use axum::response::Response;
 
 use super::request::{KINDS, MapRequest, Settled};
 use crate::http::shared::AppState;
-use crate::http::shared::compute::{Leash, Queue, too_slow};
+use crate::http::shared::compute::{Leash, Queue};
 use crate::http::shared::negotiate::{Binary, PNG};
 use crate::http::shared::problem::{Problem, Refused};
 use crate::render::{FINEST, Tile, TileLayer, tile};
@@ -69,7 +69,7 @@ pub async fn get_map_tile(place: Place, mut request: MapRequest) -> Result<Respo
     let Place { layer, level, x, y } = place;
     let piece = Tile { layer, level, x, y, kind, dark, most };
     let map = wanted.state.load(&wanted.record).await?;
-    let draw = move |leash: &Leash| tile(&map, &piece, &|| leash.holds())?.ok_or_else(too_slow);
+    let draw = move |leash: &Leash| Ok(tile(&map, &piece, &|| leash.holds())?);
     let body = wanted.state.compute.run(Queue::Answers, draw).await?;
     wanted.respond(body)
 }

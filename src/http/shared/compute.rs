@@ -48,7 +48,7 @@ impl Leash {
 
     /// Between two steps of an answer: whether to take the next.
     pub fn goes_on(&self) -> Result<(), Problem> {
-        if self.holds() { Ok(()) } else { Err(too_slow()) }
+        if self.holds() { Ok(()) } else { Err(Problem::too_slow()) }
     }
 }
 
@@ -91,7 +91,7 @@ impl Compute {
             let work = move || {
                 let _permit = permit;
                 match (leash.holds(), queue) {
-                    (false, _) => Err(too_slow()),
+                    (false, _) => Err(Problem::too_slow()),
                     (true, Queue::Small) => work(&leash),
                     (true, _) => in_background(|| work(&leash)).unwrap_or_else(|error| Err(no_thread(&error))),
                 }
@@ -103,16 +103,9 @@ impl Compute {
         match answer {
             // Work that stopped because its time was up comes back with an error of its own, at the same moment.
             Ok(answer) if Instant::now() < until => answer,
-            _ => Err(too_slow()),
+            _ => Err(Problem::too_slow()),
         }
     }
-}
-
-/// 503: what was asked for did not come in time.
-pub fn too_slow() -> Problem {
-    let detail =
-        "the answer took longer than a request may (--request-seconds); the service is busy, or it asks for much";
-    Problem { detail: detail.into(), ..Problem::of_status(StatusCode::SERVICE_UNAVAILABLE) }
 }
 
 fn no_thread(error: &std::io::Error) -> Problem {

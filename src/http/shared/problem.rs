@@ -107,6 +107,13 @@ impl Problem {
         Self { detail, ..Self::of_status(StatusCode::NOT_ACCEPTABLE) }
     }
 
+    /// 503: what was asked for did not come in time.
+    pub fn too_slow() -> Self {
+        let detail =
+            "the answer took longer than a request may (--request-seconds); the service is busy, or it asks for much";
+        Self { detail: detail.into(), ..Self::of_status(StatusCode::SERVICE_UNAVAILABLE) }
+    }
+
     /// 422 with a fault a pointer.
     pub fn invalid(faults: Vec<Fault>) -> Self {
         let detail = match &faults[..] {
@@ -237,7 +244,10 @@ impl From<ArchiveError> for Problem {
 
 impl From<RenderError> for Problem {
     fn from(error: RenderError) -> Self {
-        Self::internal(&error)
+        match error {
+            RenderError::Unwanted => Self::too_slow(),
+            error => Self::internal(&error),
+        }
     }
 }
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::cache::Cache;
 use super::caller::Caller;
-use super::compute::{Compute, Queue, too_slow};
+use super::compute::{Compute, Queue};
 use super::keyed::Keyed;
 use super::problem::Problem;
 use super::rate::Rates;
@@ -124,7 +124,7 @@ impl Service {
             return Ok(map);
         }
         let turn = tokio::time::timeout(self.limits.patience, self.loading.lock());
-        let _turn = turn.await.map_err(|_| too_slow())?;
+        let _turn = turn.await.map_err(|_| Problem::too_slow())?;
         if let Some(map) = self.maps.get(&record.id) {
             return Ok(map);
         }

@@ -7,7 +7,6 @@ use super::question::Question;
 use super::{FIELDS, SIGNED_ALONE, VECTOR_ALONE};
 use crate::fit::Distance;
 use crate::geometry::{Cov2, Vec2};
-use crate::http::shared::compute::too_slow;
 use crate::http::shared::problem::Problem;
 use crate::http::shared::ration::PIECE;
 use crate::map::FittedMap;
@@ -67,7 +66,7 @@ impl QueryAnswer {
         let mut answer = Self::empty(map.field.distance(), question);
         for stretch in question.points.chunks(STRETCH) {
             if !wanted() {
-                return Err(too_slow());
+                return Err(Problem::too_slow());
             }
             answer.ask(map, question.kind, stretch);
         }
