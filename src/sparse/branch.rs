@@ -133,12 +133,11 @@ impl<'p> Branch<'p> {
     ) -> Result<R, SparseError> {
         let pace = Pace::of(self.tree.work_of(0..self.supernodes));
         let go_on = |_: f64| !stop.load(Ordering::Relaxed);
-        watched(
-            || work(&pace),
-            || {
-                let _ = pace.ask(&go_on);
-            },
-        )
+        let mut done = Err(SparseError::Stopped);
+        watched(Box::new(|| done = work(&pace)), &mut || {
+            let _ = pace.ask(&go_on);
+        });
+        done
     }
 }
 

@@ -132,8 +132,8 @@ impl Team {
                 }
             }
         };
-        let crew = || Self::threads(count + 1).each((0..count + 1).collect(), here);
-        watched(crew, || {
+        let crew = || drop(Self::threads(count + 1).each((0..count + 1).collect(), here));
+        watched(Box::new(crew), &mut || {
             // Told to stop, the threads end by themselves.
             let _ = pace.ask(&|share| go_on(share) && offer.goes_on());
         });

@@ -123,20 +123,14 @@ impl Team {
     /// Does every item, and gives the results in the items' order.
     pub(crate) fn each<T: Send, R: Send>(&self, items: Vec<T>, work: impl Fn(T) -> R + Sync) -> Vec<R> {
         let Some(loan) = self.borrow(items.len()) else { return items.into_iter().map(work).collect() };
-        let queue = Mutex::new(items.into_iter().enumerate());
-        let run = || {
-            let mut done = Vec::new();
+        let (queue, done) = (Mutex::new(items.into_iter().enumerate()), Mutex::new(Vec::new()));
+        beside(loan.count, &|| {
             while let Some((k, item)) = next(&queue) {
-                done.push((k, work(item)));
+                let result = work(item);
+                done.lock().unwrap_or_else(PoisonError::into_inner).push((k, result));
             }
-            done
-        };
-        let mut done = std::thread::scope(|scope| {
-            let others: Vec<_> = (0..loan.count).map(|_| scope.spawn(run)).collect();
-            let mut done = run();
-            others.into_iter().for_each(|other| done.extend(joined(other)));
-            done
         });
+        let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
         done.sort_unstable_by_key(|(k, _)| *k);
         done.into_iter().map(|(_, result)| result).collect()
     }
@@ -164,11 +158,13 @@ impl Team {
         let loan = self.borrow(items.len());
         let crew = Self::threads(loan.as_ref().map_or(1, |loan| loan.count + 1));
         let work = &work;
-        let watch = || {
+        let mut watch = || {
             // Told to stop, the items end by themselves.
             let _ = pace.ask(go_on);
         };
-        all_or_why_not(watched(move || crew.each(items, work), watch))
+        let mut done = Err(SparseError::Stopped);
+        watched(Box::new(|| done = all_or_why_not(crew.each(items, work))), &mut watch);
+        done
     }
 
     /// Who is told how far the branches are, so many.
@@ -207,21 +203,30 @@ impl Told<'_> {
     }
 }
 
+/// Does the same on the caller's thread and on so many others. Whatever it is: starting threads is compiled once.
+fn beside(others: usize, work: &(dyn Fn() + Sync)) {
+    std::thread::scope(|scope| {
+        let others: Vec<_> = (0..others).map(|_| scope.spawn(work)).collect();
+        work();
+        others.into_iter().for_each(joined);
+    });
+}
+
 /// Does work on a thread of its own, while the caller's watches.
-pub(super) fn watched<R: Send>(work: impl FnOnce() -> R + Send, mut watch: impl FnMut()) -> R {
+pub(super) fn watched(work: Box<dyn FnOnce() + Send + '_>, watch: &mut dyn FnMut()) {
     let (ended, watcher) = (AtomicBool::new(false), std::thread::current());
     std::thread::scope(|scope| {
         let end = End { ended: &ended, watcher };
         let busy = scope.spawn(move || {
             let _told_even_by_a_panic = end;
-            work()
+            work();
         });
         while !ended.load(Ordering::Acquire) {
             watch();
             std::thread::park_timeout(LOOK);
         }
-        joined(busy)
-    })
+        joined(busy);
+    });
 }
 
 /// Waits for what others do.

@@ -21,13 +21,21 @@ const LOOK: Duration = Duration::from_millis(100);
 
 /// Does work in the background, and waits for it. A panic goes on here. The error is that there is no thread to be had.
 pub fn in_background<T: Send>(work: impl FnOnce() -> T + Send) -> std::io::Result<T> {
+    let mut done = None;
+    on_a_thread(Box::new(|| done = Some(work())))?;
+    done.ok_or_else(|| std::io::Error::other("the thread ended without a word"))
+}
+
+/// Of whatever kind its outcome is, so that starting a thread is compiled once.
+fn on_a_thread(work: Box<dyn FnOnce() + Send + '_>) -> std::io::Result<()> {
     scope(|scope| {
         let make_way = || {
             make_way();
-            work()
+            work();
         };
         let thread = thread().spawn_scoped(scope, make_way)?;
-        Ok(thread.join().unwrap_or_else(|panic| resume_unwind(panic)))
+        thread.join().unwrap_or_else(|panic| resume_unwind(panic));
+        Ok(())
     })
 }
 

@@ -112,7 +112,7 @@ fn readiness_asked_in_bulk_is_one_answer() {
 fn unfinished_bodies_hold_what_may_be_held_and_keep_nobody_out() {
     const SENT: usize = 60 << 20;
     let data = tempfile::tempdir().unwrap();
-    let server = Server::start(data.path(), 0);
+    let server = Server::start_with(data.path(), 0, &["--request-seconds", "20"]);
     let idle = server.peak_memory() >> 20;
     let begin = || {
         let mut client = connect(&server);
@@ -137,7 +137,7 @@ fn unfinished_bodies_hold_what_may_be_held_and_keep_nobody_out() {
     println!("idle {idle} MiB, peak {peak} MiB with thirty unfinished bodies");
     assert!(peak < idle + 256, "{idle} MiB, then {peak} MiB");
     for mut client in clients {
-        client.set_read_timeout(Some(Duration::from_secs(90))).unwrap();
+        client.set_read_timeout(Some(Duration::from_secs(40))).unwrap();
         let mut answer = [0; 12];
         let told = client.read(&mut answer).expect("it is answered or closed, not kept open");
         assert!(told == 0 || answer[..told].starts_with(b"HTTP/1.1 408"), "{}", String::from_utf8_lossy(&answer));

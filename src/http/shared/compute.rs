@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use axum::http::StatusCode;
-use tokio::sync::Semaphore;
+use tokio::sync::{Semaphore, oneshot};
 
 use super::problem::Problem;
 use crate::worker::in_background;
@@ -52,6 +52,9 @@ impl Leash {
     }
 }
 
+/// Work that tells what came of it.
+type Task = Box<dyn FnOnce(&Leash) + Send>;
+
 /// Lives as long as the client waits.
 struct Waiting(Arc<AtomicBool>);
 
@@ -75,6 +78,15 @@ impl Compute {
         queue: Queue,
         work: impl FnOnce(&Leash) -> Result<T, Problem> + Send + 'static,
     ) -> Result<T, Problem> {
+        let (tell, told) = oneshot::channel();
+        // Whoever does not wait any more is not told.
+        let task = move |leash: &Leash| drop(tell.send(work(leash)));
+        self.turn(queue, Box::new(task)).await?;
+        told.await.unwrap_or_else(|_| Err(Problem::too_slow()))
+    }
+
+    /// Does a task when its turn comes: of whatever kind its answer is, so that all of this is compiled once.
+    async fn turn(&self, queue: Queue, task: Task) -> Result<(), Problem> {
         let permits = match queue {
             Queue::Small => &self.small,
             Queue::Requests => &self.requests,
@@ -92,8 +104,8 @@ impl Compute {
                 let _permit = permit;
                 match (leash.holds(), queue) {
                     (false, _) => Err(Problem::too_slow()),
-                    (true, Queue::Small) => work(&leash),
-                    (true, _) => in_background(|| work(&leash)).unwrap_or_else(|error| Err(no_thread(&error))),
+                    (true, Queue::Small) => Ok(task(&leash)),
+                    (true, _) => in_background(|| task(&leash)).map_err(|error| no_thread(&error)),
                 }
             };
             tokio::task::spawn_blocking(work).await?

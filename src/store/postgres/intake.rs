@@ -5,6 +5,7 @@
 //! priority, so that two groups never wait for each other's lanes.
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use async_trait::async_trait;
 use sqlx::pool::PoolConnection;
@@ -22,6 +23,8 @@ use crate::store::{NewJob, StoreError, Submission};
 const MARGIN: i64 = 1024;
 /// How often a submission looks again whether another brought its key first.
 const TRIES: usize = 3;
+/// A connection that was used so long ago is asked first whether it still is one.
+const FRESH: Duration = Duration::from_secs(1);
 
 const KNOWN_KEYS: &str = "SELECT k.tenant, k.key, k.body, k.job_id FROM unnest($1::text[], $2::text[]) AS asked (tenant, key) \
      JOIN idempotency_keys AS k ON k.tenant = asked.tenant AND k.key = asked.key";
@@ -47,13 +50,22 @@ pub(super) struct PostgresLedger {
     pool: PgPool,
     /// One group at a time from this process. Two would begin sooner and be smaller: one of ten costs the database little more
     /// than one of five.
-    one: Arc<Mutex<()>>,
+    one: Arc<Mutex<Option<Kept>>>,
+}
+
+/// The connection of the last group. The pool asks every connection whether it lives, when it is given back and when it is
+/// taken: one round trip in three of a busy intake, and between a group and the next.
+struct Kept {
+    connection: PoolConnection<Postgres>,
+    used: Instant,
 }
 
 /// A connection, and the right to hold it.
 pub(super) struct Turn {
     connection: PoolConnection<Postgres>,
-    _one: OwnedMutexGuard<()>,
+    /// Whether nobody has asked it whether it lives.
+    is_kept: bool,
+    one: OwnedMutexGuard<Option<Kept>>,
 }
 
 impl PostgresLedger {
@@ -67,25 +79,48 @@ impl Ledger for PostgresLedger {
     type Turn = Turn;
 
     async fn turn(&self) -> Result<Turn, StoreError> {
-        let one = self.one.clone().lock_owned().await;
-        Ok(Turn { connection: self.pool.acquire().await?, _one: one })
+        let mut one = self.one.clone().lock_owned().await;
+        let kept = one.take().filter(|kept| kept.used.elapsed() < FRESH);
+        let is_kept = kept.is_some();
+        let connection = match kept {
+            Some(kept) => kept.connection,
+            None => self.pool.acquire().await?,
+        };
+        Ok(Turn { connection, is_kept, one })
     }
 
     async fn enter(&self, mut turn: Turn, group: &[NewJob]) -> Result<Vec<Submission>, StoreError> {
         let mut tries = if group.len() == 1 { TRIES } else { 0 };
-        loop {
-            match enter(&mut turn.connection, group).await {
+        let outcomes = loop {
+            let seen = match look(&mut turn.connection, group).await {
+                // It died since. Nothing was written yet: another will do.
+                Err(_) if turn.is_kept => {
+                    (turn.connection, turn.is_kept) = (self.pool.acquire().await?, false);
+                    continue;
+                }
+                seen => seen?,
+            };
+            match enter(&mut turn.connection, group, seen).await {
                 // Another submission brought the key between the look and the insert, and has committed.
                 Err(StoreError::Database(error)) if tries > 0 && is_repeat(&error) => tries -= 1,
-                outcome => return outcome,
+                outcome => break outcome?,
             }
-        }
+        };
+        *turn.one = Some(Kept { connection: turn.connection, used: Instant::now() });
+        Ok(outcomes)
     }
 }
 
-async fn enter(connection: &mut PgConnection, group: &[NewJob]) -> Result<Vec<Submission>, StoreError> {
-    let known = known(connection, group).await?;
-    let counted = held(connection, group).await?;
+/// What a group has to know before it is written: jobs of its keys, and what its tenants hold.
+async fn look(connection: &mut PgConnection, group: &[NewJob]) -> Result<(Known, Held), StoreError> {
+    Ok((known(connection, group).await?, held(connection, group).await?))
+}
+
+async fn enter(
+    connection: &mut PgConnection,
+    group: &[NewJob],
+    (known, counted): (Known, Held),
+) -> Result<Vec<Submission>, StoreError> {
     let near = near_their_quota(group, &counted);
     if near.is_empty() {
         return write(connection, Group::of(group, &known, counted)).await;
