@@ -249,6 +249,8 @@ fn what_the_caller_got_wrong_is_said_with_exit_code_2() {
         (vec!["submit", &room, "--every", "0"], "--every"),
         (vec!["submit", &room, "--label", "site"], "key:value"),
         (vec!["submit", &room, "--list"], "is a job file"),
+        (vec!["submit", &room, "--every", "2"], "--every is for logs"),
+        (vec!["fit", &room, "--scan-topic", "/scan", "--out", out], "--scan-topic is for logs"),
         (vec!["jobs", "list", "--status", "lost"], "accepted, running"),
         (vec!["jobs", "list", "--url", "localhost:99999"], "must be a server's address"),
         (vec!["jobs", "list", "--log", "a=b=c"], "--log"),

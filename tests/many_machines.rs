@@ -158,6 +158,30 @@ fn a_job_is_taken_within_a_second_by_who_is_cut_off() {
     assert!(waited[8] < 1.0, "{waited:?}");
 }
 
+/// Submissions keep a connection from one to the next. One that was cut off meanwhile costs nobody his job, and a server
+/// that still has one ends well.
+#[test]
+fn what_submissions_keep_is_no_trouble_when_it_is_cut_off_or_the_server_ends() {
+    const CUT: &str = "SELECT count(pg_terminate_backend(pid)) FROM pg_stat_activity WHERE datname = current_database() \
+                       AND application_name = 'mapfit' AND pid <> pg_backend_pid() AND query NOT LIKE 'LISTEN%'";
+    for workers in [0, 1] {
+        let (data, url) = (tempfile::tempdir().unwrap(), database());
+        let mut server = Server::start_with(data.path(), workers, &["--database-url", &url]);
+        server.submit(&small(1));
+        tokio::runtime::Runtime::new().unwrap().block_on(async {
+            use sqlx::Connection;
+            let mut connection = sqlx::PgConnection::connect(&url).await.unwrap();
+            let cut: i64 = sqlx::query_scalar(CUT).fetch_one(&mut connection).await.unwrap();
+            assert!(cut > 0);
+        });
+        server.submit(&small(2));
+        let asked = Command::new("kill").args(["-TERM", &server.child.id().to_string()]).status().unwrap();
+        assert!(asked.success());
+        let ended = server.child.wait().unwrap();
+        assert!(ended.success(), "with {workers} workers: {ended}");
+    }
+}
+
 /// Nobody is told of anything: submissions are found by looking for them.
 #[test]
 fn a_job_that_nobody_tells_of_is_taken_within_a_second() {

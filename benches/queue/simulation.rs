@@ -1,7 +1,8 @@
 //! The queue as a discrete-event simulation: jobs arrive, wait, are claimed and run, by the rule that the stores keep.
 //!
-//! Highest priority first, then the tenant with the fewest running jobs, then the oldest. As in `migrations/sqlite/0002` only
-//! the head of each tenant's queue at a priority takes part, so an event costs a logarithm of the number of tenants.
+//! Highest priority first, then the tenant with the fewest running jobs, then the one that was served longest ago, then the
+//! oldest. As in `migrations/sqlite/0002` only the head of each tenant's queue at a priority takes part, so an event costs a
+//! logarithm of the number of tenants.
 //! Times are seconds; nothing is random in here: the same arrivals give the same waits.
 
 use std::cmp::Reverse;
@@ -46,7 +47,7 @@ impl Ord for Time {
 }
 
 /// The head of a queue: what is compared, then whose it is.
-type Turn = (Reverse<i32>, usize, usize, u32);
+type Turn = (Reverse<i32>, usize, usize, usize, u32);
 
 #[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Event {
@@ -61,13 +62,17 @@ struct Queue {
     /// Jobs by their place in the order of arrival.
     waiting: BTreeMap<(u32, i32), VecDeque<usize>>,
     running: BTreeMap<u32, usize>,
+    /// Of each tenant that was ever served, which of all claims was its last, counted from 1.
+    served: BTreeMap<u32, usize>,
+    claims: usize,
     turns: BTreeSet<Turn>,
 }
 
 impl Queue {
     fn turn(&self, (tenant, priority): (u32, i32)) -> Option<Turn> {
         let head = self.waiting.get(&(tenant, priority))?.front()?;
-        Some((Reverse(priority), self.running.get(&tenant).copied().unwrap_or(0), *head, tenant))
+        let of = |counts: &BTreeMap<u32, usize>| counts.get(&tenant).copied().unwrap_or(0);
+        Some((Reverse(priority), of(&self.running), of(&self.served), *head, tenant))
     }
 
     /// Changes something about a tenant, with its turns taken out before and put back after.
@@ -88,7 +93,7 @@ impl Queue {
     }
 
     fn claim(&mut self) -> Option<usize> {
-        let (Reverse(priority), _, job, tenant) = *self.turns.first()?;
+        let (Reverse(priority), _, _, job, tenant) = *self.turns.first()?;
         self.changed(tenant, |queue| {
             if let Some(lane) = queue.waiting.get_mut(&(tenant, priority)) {
                 lane.pop_front();
@@ -97,6 +102,8 @@ impl Queue {
                 }
             }
             *queue.running.entry(tenant).or_default() += 1;
+            queue.claims += 1;
+            queue.served.insert(tenant, queue.claims);
         });
         Some(job)
     }

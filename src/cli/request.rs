@@ -135,6 +135,21 @@ pub struct LogOptions {
 }
 
 impl LogOptions {
+    /// Those that were given on the command line. What the environment says is for logs, whichever file is asked for.
+    fn given(&self) -> impl Iterator<Item = &'static str> {
+        let given = [
+            ("every", self.every.get() > 1),
+            ("from", self.from > 0),
+            ("to", self.to.is_some()),
+            ("odometry", self.odometry.is_some()),
+            ("scan-topic", self.scan_topic.is_some()),
+            ("pose-topic", self.pose_topic.is_some()),
+        ];
+        let variable = |name: &str| format!("MAPFIT_{}", name.to_uppercase().replace('-', "_"));
+        let by_flag = move |(name, given): &(&'static str, bool)| *given && std::env::var_os(variable(name)).is_none();
+        given.into_iter().filter(by_flag).map(|(name, _)| name)
+    }
+
     fn ask(&self) -> Ask {
         Ask { scan_topic: self.scan_topic.clone(), pose_topic: self.pose_topic.clone() }
     }
@@ -175,6 +190,11 @@ pub fn job_of(file: &Path, job: &JobOptions, log: &LogOptions, limits: &Recordin
     let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let stem = name.trim_end_matches(".gz").to_owned();
     if is_job(file) {
+        if let Some(flag) = log.given().next() {
+            return Err(CliError::Usage(format!(
+                "{shown} is a job file, taken as it is; --{flag} is for logs and recordings"
+            )));
+        }
         return Ok(Asked { json: job_file(file, job)?, notes: Vec::new() });
     }
     let selection = Selection { every: log.every.get(), from: log.from, to: log.to };

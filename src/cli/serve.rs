@@ -20,6 +20,8 @@ use crate::worker::{Rules, Solvers, Workshop};
 
 /// How long running fits may go on after SIGTERM before they are handed back to the queue.
 const GRACE: Duration = Duration::from_secs(5);
+/// And what goes on after that, until the process ends without it.
+const LAST_GRACE: Duration = Duration::from_secs(1);
 /// Whoever scrapes is one, or a few.
 const METRICS_CONNECTIONS: usize = 64;
 /// Of `--memory`: one part in so many is kept of what blocks of covariances are formed from, within these bytes.
@@ -204,6 +206,8 @@ impl Serve {
         println!("serving on {scheme}://{}", service.address);
         runtime.block_on(stop_signal());
         service.stop(&runtime);
+        // An answer that is being formed for nobody may take longer.
+        runtime.shutdown_timeout(LAST_GRACE);
         Ok(())
     }
 }
@@ -220,6 +224,8 @@ impl Work {
         runtime.block_on(stop_signal());
         solvers.drain(GRACE);
         workshop.traces.end();
+        drop(workshop);
+        runtime.shutdown_timeout(LAST_GRACE);
         Ok(())
     }
 }
@@ -241,9 +247,12 @@ impl Running {
         limits: HttpLimits,
     ) -> Result<Self, CliError> {
         let workshop = house.open("serve").await?;
-        if !listen.ip().is_loopback() && !workshop.records.has_keys().await? {
+        let open = [Some(listen), metrics_listen].into_iter().flatten().find(|face| !face.ip().is_loopback());
+        if let Some(face) = open
+            && !workshop.records.has_keys().await?
+        {
             return Err(CliError::Usage(format!(
-                "{listen} is not a loopback address, and there are no API keys: whoever reaches it could do anything. \
+                "{face} is not a loopback address, and there are no API keys: whoever reaches it could do anything. \
                  Make one with `mapfit keys create --tenant T --scopes read,submit,admin`, or listen on 127.0.0.1"
             )));
         }

@@ -76,6 +76,7 @@ fn described() -> OpenApiRouter<AppState> {
         .routes(routes!(publish::roll_back_place))
         .routes(routes!(read::get_place_map))
         .routes(routes!(read::get_place_map_part, read::ask_place_map))
+        .routes(routes!(read::get_place_map_tile))
         .routes(routes!(webhooks::add_webhook, webhooks::list_webhooks))
         .routes(routes!(webhooks::get_webhook, webhooks::remove_webhook))
         .routes(routes!(webhooks::list_deliveries))

@@ -55,8 +55,8 @@ fn rested(server: &Server) -> f64 {
     }
 }
 
-/// Forty clients that ask for large pictures and grids, each for another, and leave: those that were begun may be made
-/// to their end, one a core, and no others.
+/// Forty clients that ask for large pictures and grids, each for another, and leave: those that were begun are left in the
+/// middle, one a core, and no others are begun.
 #[test]
 fn what_nobody_waits_for_any_more_is_not_made() {
     let data = tempfile::tempdir().unwrap();

@@ -160,3 +160,27 @@ fn a_connection_beyond_the_limit_waits_for_a_place() {
     ninth.read_to_string(&mut answer).unwrap();
     assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
 }
+
+/// A request of spaces is kept in a few kilobytes, and a join may name its map many times.
+#[test]
+fn a_join_of_padded_requests_is_refused_before_they_are_unpacked() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start_with(data.path(), 1, &["--memory", "1024"]);
+    let mut body = small(1).to_string().into_bytes();
+    body.resize((64 << 20) - 1, b' ');
+    let bomb = zstd::encode_all(&body[..], 3).unwrap();
+    let headers = [("content-type", "application/json"), ("content-encoding", "zstd")];
+    let job = server.send("POST", "/v1/jobs", &headers, Some(&bomb));
+    assert_eq!(job.status, 202);
+    let map = server.wait(job.json()["id"].as_str().unwrap())["map_id"].clone();
+    let before = server.peak_memory() >> 20;
+    let maps = vec![json!({"id": map, "pose": {"x": 0, "y": 0, "theta": 0}}); 64];
+    let join = json!({"maps": maps, "map": {"resolution": 0.5}});
+    for path in ["/v1/joins", "/v1/joins?dry_run=true"] {
+        let problem = server.post(path, &join).problem(422);
+        assert_eq!(problem["errors"][0]["pointer"], "/maps", "{problem}");
+    }
+    let peak = server.peak_memory() >> 20;
+    println!("peak memory {before} MiB before, {peak} MiB after");
+    assert!(peak < before + 64, "{before} MiB, then {peak} MiB");
+}

@@ -150,6 +150,7 @@ macro_rules! conformance {
 
 conformance!(
     claims_go_by_priority_then_fairness_then_age,
+    who_was_served_longest_ago_is_next,
     a_lost_lease_never_writes,
     a_cancelled_job_takes_no_result,
     a_released_job_is_as_if_never_claimed,

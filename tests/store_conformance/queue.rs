@@ -25,6 +25,27 @@ pub async fn claims_go_by_priority_then_fairness_then_age(store: &dyn Records) {
     assert_eq!(order, [urgent.id, b1.id, a1.id, a2.id]);
 }
 
+/// One worker, so that nobody has a job running when it claims.
+pub async fn who_was_served_longest_ago_is_next(store: &dyn Records) {
+    let next = async || {
+        let job = store.claim(&terms("w")).await.unwrap().unwrap().job;
+        store.cancel(&job.tenant, &job.id).await.unwrap();
+        job.tenant
+    };
+    for tenant in ["a", "a", "a", "a", "b"] {
+        accept(store, new_job(tenant, 0)).await;
+    }
+    assert_eq!([next().await, next().await], ["a", "b"], "b came last, and waited for one job");
+    assert_eq!(next().await, "a");
+    accept(store, new_job("late", 0)).await;
+    assert_eq!(next().await, "late");
+    // Who sends one job after another is no newcomer each time, and what is urgent is a turn like any other.
+    accept(store, new_job("late", 0)).await;
+    accept(store, new_job("b", 5)).await;
+    accept(store, new_job("b", 0)).await;
+    assert_eq!([next().await, next().await, next().await, next().await], ["b", "a", "late", "b"]);
+}
+
 pub async fn a_lost_lease_never_writes(store: &dyn Records) {
     let job = accept(store, new_job("a", 0)).await;
     let first = store.claim(&terms("w1")).await.unwrap().unwrap().job;

@@ -6,7 +6,7 @@ use mapfit::jobs::JobStatus;
 use mapfit::store::{Listing, PostgresStore, Records, Saved, SqliteStore};
 use serde_json::json;
 
-use crate::{postgres_server, terms};
+use crate::{accept, new_job, postgres_server, terms};
 
 const JOBS: usize = 100_000;
 const CLAIM: Duration = Duration::from_millis(10);
@@ -45,9 +45,13 @@ async fn claims(store: &dyn Records) {
         let began = Instant::now();
         let claim = store.claim(&terms("w")).await.unwrap().unwrap();
         claims.push(began.elapsed());
+        store.cancel(&claim.job.tenant, &claim.job.id).await.unwrap();
         tenants.insert(claim.job.tenant);
     }
     assert_eq!(tenants.len(), 1000, "every tenant has its turn before any has another");
+    let late = accept(store, new_job("late", 0)).await;
+    let next = store.claim(&terms("w")).await.unwrap().unwrap();
+    assert_eq!(next.job.id, late.id, "who has one job waits for those that run, and no others");
     let claim = p99(claims);
     println!("99 % of claims within {claim:.1?}");
     assert!(claim <= CLAIM);

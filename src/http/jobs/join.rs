@@ -10,6 +10,7 @@ use axum::response::{IntoResponse, Response};
 use sha2::{Digest, Sha256};
 
 use super::dry_run::DryRun;
+use super::kept::{most_unpacked, unpack, unpacked_bytes};
 use super::record::JobBody;
 use super::schema::JoinRequestBody;
 use super::submit::{Submitted, accept, idempotency_key, new_job, within_memory};
@@ -20,9 +21,6 @@ use crate::http::shared::problem::{Problem, Refused};
 use crate::http::shared::{AppState, Caller};
 use crate::jobs::{Fault, JobRequest, JoinBody, Limits, Stored, join_body};
 use crate::store::NewJob;
-
-/// Bytes of the maps' stored requests together, packed, at most.
-const MOST_PACKED: usize = 256 << 20;
 
 /// Join maps into one.
 ///
@@ -81,7 +79,8 @@ pub async fn join_maps(
 
 /// What is kept of the maps' requests, packed, in the join's order. Maps that are not there are faults of the body.
 async fn stored_requests(state: &AppState, caller: &Caller, join: &JoinBody) -> Result<Vec<Vec<u8>>, Problem> {
-    let (mut packed, mut faults, mut bytes) = (Vec::new(), Vec::new(), 0);
+    let (mut packed, mut faults, mut bytes) = (Vec::new(), Vec::new(), 0_u64);
+    let most = most_unpacked(state.workshop.rules.memory);
     for (k, member) in join.members.iter().enumerate() {
         let Some(record) = state.workshop.records.map(&caller.tenant, &member.id).await? else {
             let detail = format!("there is no map {}", member.id);
@@ -94,10 +93,11 @@ async fn stored_requests(state: &AppState, caller: &Caller, join: &JoinBody) -> 
                 format!("the job {} and its request are gone, and with it the scans of the map", record.job_id);
             Problem::new(StatusCode::CONFLICT, "request-gone", "The map's request is gone", detail)
         })?;
-        bytes += own.len();
+        bytes = bytes.saturating_add(unpacked_bytes(&own));
         packed.push(own);
-        if bytes > MOST_PACKED {
-            let detail = "together, the maps' scans are more than one fit may take".into();
+        if bytes > most {
+            let detail =
+                format!("together, the maps' requests are more than {most} bytes, which is what is joined at once");
             return Err(Problem::invalid(vec![Fault { pointer: "/maps".into(), detail }]));
         }
     }
@@ -106,8 +106,7 @@ async fn stored_requests(state: &AppState, caller: &Caller, join: &JoinBody) -> 
 
 /// The request of all scans, and what to keep of it.
 fn whole(join: JoinBody, packed: &[Vec<u8>], body: &[u8], limits: &Limits) -> Result<(JobRequest, Vec<u8>), Problem> {
-    let unpack = |packed: &Vec<u8>| zstd::decode_all(&packed[..]).map_err(|error| Problem::internal(&error));
-    let members = packed.iter().map(unpack).collect::<Result<Vec<_>, _>>()?;
+    let members = packed.iter().map(|packed| unpack(packed)).collect::<Result<Vec<_>, _>>()?;
     let maps = members.iter().map(|member| Stored::read(member)?.request(limits));
     let maps = maps.collect::<Result<Vec<_>, _>>().map_err(|error| Problem::internal(&error))?;
     let request = join.request(&maps, limits)?;

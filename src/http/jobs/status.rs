@@ -7,6 +7,7 @@ use axum::extract::{Path, State};
 use axum::http::{StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 
+use super::kept::unpack;
 use super::record::JobBody;
 use super::schema::AcceptedRequestBody;
 use crate::http::shared::compute::Queue;
@@ -25,11 +26,7 @@ use crate::store::{Cancellation, Listing, Removal};
         ("limit" = Option<u32>, Query, minimum = 1, maximum = 1000), ("cursor" = Option<String>, Query),
     ),
     responses((status = 200, description = "a page of jobs", body = Page<JobBody>), Refused))]
-pub async fn list_jobs(
-    State(state): State<AppState>,
-    caller: Caller,
-    uri: Uri,
-) -> Result<Json<Page<JobBody>>, Problem> {
+pub async fn list_jobs(State(state): State<AppState>, caller: Caller, uri: Uri) -> Result<Response, Problem> {
     let mut params = Params::of(&uri);
     let (limit, before) = params.page();
     let labels = params.labels();
@@ -42,7 +39,7 @@ pub async fn list_jobs(
     let status = status.and_then(Result::ok);
     let listing = Listing { tenant: caller.tenant.to_string(), status, labels, bbox: None, before, limit: limit + 1 };
     let jobs = state.workshop.records.jobs(&listing).await?;
-    Ok(Json(Page::of(jobs, limit, |job: &Job| &job.id)))
+    state.page(Page::<JobBody>::of(jobs, limit, |job: &Job| &job.id)).await
 }
 
 /// A job's state; with `wait`, answers when the job has ended or after that many seconds.
@@ -91,12 +88,13 @@ pub async fn get_job_request(
     let compressed = state.workshop.records.request(&caller.tenant, &id).await?;
     let compressed = compressed.ok_or_else(|| Problem::not_found(format!("there is no job {id}")))?;
     let unpack = move |_: &_| {
-        let stored = zstd::decode_all(&compressed[..]).map_err(|error| Problem::internal(&error))?;
+        let stored = unpack(&compressed)?;
         let stored = Stored::read(&stored).map_err(|error| Problem::internal(&error))?;
         Ok(stored.body().to_vec())
     };
     let json = state.compute.run(Queue::Requests, unpack).await?;
-    Ok(([(header::CONTENT_TYPE, "application/json")], json).into_response())
+    let body = state.answers.take(json.len())?.body(json);
+    Ok(([(header::CONTENT_TYPE, "application/json")], body).into_response())
 }
 
 /// Cancel a job that has not ended; a running fit stops within one step.

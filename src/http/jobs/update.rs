@@ -11,6 +11,7 @@ use axum::response::{IntoResponse, Response};
 use sha2::{Digest, Sha256};
 
 use super::dry_run::DryRun;
+use super::kept::{most_unpacked, unpack, unpacked_bytes};
 use super::record::JobBody;
 use super::schema::UpdateRequestBody;
 use super::submit::{Submitted, accept, idempotency_key, new_job, within_memory};
@@ -23,7 +24,7 @@ use crate::jobs::{Fault, JobRequest, Limits, Lineage, MapRecord, Stored};
 use crate::store::NewJob;
 
 /// A parent's stored request larger than this, packed, is read where large bodies are.
-const LARGE: usize = 64 << 10;
+const LARGE: u64 = 1 << 20;
 
 /// Update a map with new scans.
 ///
@@ -58,7 +59,13 @@ pub async fn update_map(
     let received = state.read_body(&headers, body, &[JSON.media]).await?;
     let key = idempotency_key(&headers)?;
     let (limits, quota, budget) = (state.workshop.limits, state.limits.quota, state.workshop.rules.memory);
-    let queue = if packed.len() > LARGE { Queue::Requests } else { received.queue() };
+    let (bytes, most) = (unpacked_bytes(&packed), most_unpacked(budget));
+    if bytes > most {
+        let detail =
+            format!("what the map was formed from is more than {most} bytes, which is what is updated at once");
+        return Err(Problem::invalid(vec![Fault { pointer: "/scans".into(), detail }]));
+    }
+    let queue = if bytes > LARGE { Queue::Requests } else { received.queue() };
     let update = Update { lineage: Lineage { parent: Some(record.id), version: record.version + 1 }, packed };
     if dry_run {
         let try_out = move |leash: &Leash| {
@@ -93,7 +100,7 @@ struct Update {
 impl Update {
     /// The request of all scans, and what to keep of it.
     fn stored(&self, body: &[u8], limits: &Limits) -> Result<(JobRequest, Vec<u8>), Problem> {
-        let parent = zstd::decode_all(&self.packed[..]).map_err(|error| Problem::internal(&error))?;
+        let parent = unpack(&self.packed)?;
         let parent = Stored::read(&parent).map_err(|error| Problem::internal(&error))?;
         let before = parent.request(limits).map_err(|error| Problem::internal(&error))?;
         let request = before.updated(body, limits)?;

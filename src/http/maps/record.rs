@@ -125,11 +125,7 @@ impl LatticeBody {
     ),
     responses((status = 200, description = "a page of maps", body = Page<MapBody>),
         Refused))]
-pub async fn list_maps(
-    State(state): State<AppState>,
-    caller: Caller,
-    uri: Uri,
-) -> Result<Json<Page<MapBody>>, Problem> {
+pub async fn list_maps(State(state): State<AppState>, caller: Caller, uri: Uri) -> Result<Response, Problem> {
     let mut params = Params::of(&uri);
     let (limit, before) = params.page();
     let labels = params.labels();
@@ -147,7 +143,7 @@ pub async fn list_maps(
         limit: limit + 1,
     };
     let maps = state.workshop.records.maps(&listing).await?;
-    Ok(Json(Page::of(maps, limit, |map: &MapRecord| &map.id)))
+    state.page(Page::<MapBody>::of(maps, limit, |map: &MapRecord| &map.id)).await
 }
 
 fn parse_bbox(text: &str) -> Option<[f64; 4]> {

@@ -118,6 +118,23 @@ pub async fn get_place_map_part(
     redirect(&state, &caller, &name, &below(&part), &uri).await
 }
 
+/// To the same tile of the published map.
+#[utoipa::path(get, operation_id = "get_place_map_tile", path = "/v1/places/{name}/map/tiles/{layer}/{z}/{x}/{y}", tag = "places",
+    security(("key" = ["read"])),
+    params(("name" = String, Path), ("layer" = String, Path, pattern = "^(distance|sigma|clearance|occupancy)$"),
+        ("z" = u32, Path, maximum = 14), ("x" = i32, Path), ("y" = i32, Path)),
+    responses((status = 307, description = "to that tile of the published map", headers(("location" = String, description = "its address"))),
+        Refused))]
+pub async fn get_place_map_tile(
+    State(state): State<AppState>,
+    caller: Caller,
+    Path((name, layer, z, x, y)): Path<(String, String, String, String, String)>,
+    uri: Uri,
+) -> Result<Response, Problem> {
+    let part: String = ["tiles", &layer, &z, &x, &y].map(below).concat();
+    redirect(&state, &caller, &name, &part, &uri).await
+}
+
 /// Ask the published map: the same question, to the same path of the map.
 #[utoipa::path(post, operation_id = "ask_place_map", path = "/v1/places/{name}/map/{part}", tag = "places",
     security(("key" = ["read"])),

@@ -104,7 +104,8 @@ impl Service {
         let checked = length.and_then(|()| Ok((media_type(headers, known)?, encoding(headers)?)));
         let ((media, encoding), body) = self.before(checked, body)?;
         let mut share = self.bodies.none();
-        let raw = receive(body, limit, &mut |bytes| self.bodies.grow(&mut share, bytes)).await?;
+        let within = self.limits.patience;
+        let raw = receive(body, (limit, within), &mut |bytes| self.bodies.grow(&mut share, bytes)).await?;
         Ok(Received { raw, encoding, limit, media, _share: share })
     }
 
@@ -114,8 +115,8 @@ impl Service {
         match outcome {
             Ok(found) => Ok((found, body)),
             Err(problem) => {
-                let limit = self.limits.body;
-                tokio::spawn(async move { receive(body, limit, &mut |_| false).await.map(drop) });
+                let most = (self.limits.body, self.limits.patience);
+                tokio::spawn(async move { receive(body, most, &mut |_| false).await.map(drop) });
                 Err(problem)
             }
         }
@@ -166,7 +167,7 @@ fn encoding(headers: &HeaderMap) -> Result<Encoding, Problem> {
 /// follow with it.
 async fn receive(
     mut body: Body,
-    limit: usize,
+    (limit, within): (usize, Duration),
     may_hold: &mut (dyn FnMut(usize) -> bool + Send),
 ) -> Result<Bytes, Problem> {
     let mut kept = BytesMut::new();
@@ -190,7 +191,9 @@ async fn receive(
         }
         Ok::<(), Problem>(())
     };
-    let in_time = tokio::time::timeout(PATIENCE_FOR.max(Duration::from_secs(limit as u64 >> 20)), whole).await;
+    // A second a megabyte, for who is far away, as long as an answer may take.
+    let patience = PATIENCE_FOR.max(Duration::from_secs(limit as u64 >> 20)).min(within);
+    let in_time = tokio::time::timeout(patience, whole).await;
     match in_time {
         Ok(outcome) => outcome?,
         Err(_) => {

@@ -3,11 +3,18 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use bytes::Bytes;
+use serde::Serialize;
+use utoipa::ToSchema;
+
 use super::cache::Cache;
 use super::caller::Caller;
 use super::compute::{Compute, Queue};
 use super::keyed::Keyed;
-use super::problem::Problem;
+use super::page::Page;
+use super::problem::{Problem, to_json};
 use super::rate::Rates;
 use super::ration::Ration;
 use super::rules::Rules;
@@ -18,6 +25,9 @@ use crate::store::{MAP_FILE, Quota};
 use crate::uncertainty::Joint;
 use crate::worker::Workshop;
 
+/// Rows of a list that are written as they are asked for.
+const SMALL_PAGE: usize = 100;
+
 pub struct Service {
     pub workshop: Arc<Workshop>,
     pub compute: Compute,
@@ -26,7 +36,7 @@ pub struct Service {
     pub bodies: Ration,
     pub answers: Ration,
     /// The OpenAPI document.
-    pub document: String,
+    pub document: Bytes,
     /// What its routes need, and how often a key may ask.
     pub rules: Rules,
     pub rates: Rates,
@@ -89,7 +99,7 @@ impl Service {
             rates: Rates::new(limits.requests_a_second),
             keyed: Keyed::default(),
             workshop,
-            document,
+            document: document.into(),
             limits,
             compute: Compute::new(limits.patience),
             bodies: Ration::new(limits.bodies),
@@ -132,6 +142,17 @@ impl Service {
         let map = self.compute.run(Queue::Answers, move |_| Ok(Arc::new(FittedMap::from_npz(&bytes)?))).await?;
         self.maps.keep(&record.id, map.clone(), map.held_bytes());
         Ok(map)
+    }
+
+    /// A page of a list. Labels are what clients make of them: a thousand rows may be megabytes, which are formed off the
+    /// threads that answer, and counted until they are taken.
+    pub async fn page<T: Serialize + ToSchema + Send + 'static>(&self, page: Page<T>) -> Result<Response, Problem> {
+        let json = match page.items.len() {
+            0..=SMALL_PAGE => to_json(&page)?,
+            _ => self.compute.run(Queue::Small, move |_| to_json(&page)).await?,
+        };
+        let body = self.answers.take(json.len())?.body(json);
+        Ok(([(header::CONTENT_TYPE, "application/json")], body).into_response())
     }
 
     /// Forgets a deleted map.

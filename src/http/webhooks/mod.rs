@@ -12,11 +12,14 @@ use self::record::{DeliveryBody, NewWebhookBody, WebhookBody};
 use crate::http::shared::page::Page;
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
+use crate::http::shared::standing::Standing;
 use crate::http::shared::{AppState, Caller};
 use crate::store::{Delivery, NewWebhook, Webhook};
 
 /// Webhooks a tenant may have.
 const MOST_WEBHOOKS: i64 = 100;
+/// Seconds after which somebody may have removed one.
+const AGAIN: u32 = 60;
 
 /// Be told of what happens. The secret is in this answer and nowhere else.
 #[utoipa::path(post, operation_id = "add_webhook", path = "/v1/webhooks", tag = "webhooks", security(("key" = ["admin"])),
@@ -36,7 +39,10 @@ pub async fn add_webhook(
     let records = &state.workshop.records;
     if records.webhooks(&caller.tenant, None, MOST_WEBHOOKS).await?.len() as i64 >= MOST_WEBHOOKS {
         let detail = format!("the tenant has {MOST_WEBHOOKS} webhooks already");
-        return Err(Problem::new(StatusCode::TOO_MANY_REQUESTS, "over-quota", "Over quota", detail));
+        let quota = MOST_WEBHOOKS.unsigned_abs();
+        let standing = Standing { policy: "webhooks", quota, window: None, left: 0, reset: AGAIN };
+        let problem = Problem::new(StatusCode::TOO_MANY_REQUESTS, "over-quota", "Over quota", detail);
+        return Err(Problem { retry_after: Some(AGAIN), standing: Some(Box::new(standing)), ..problem });
     }
     let tenant = caller.tenant.to_string();
     let hook = NewWebhook { tenant, url: wanted.url, events, secret: secret.clone() };

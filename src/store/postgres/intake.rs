@@ -8,9 +8,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use async_trait::async_trait;
-use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgConnection, PgPool, PgRow};
-use sqlx::{AssertSqlSafe, Connection, Postgres};
+use sqlx::{AssertSqlSafe, Connection};
 use tokio::sync::{Mutex, OwnedMutexGuard};
 
 use super::rows::{self, JOB, LEASE};
@@ -54,15 +53,16 @@ pub(super) struct PostgresLedger {
 }
 
 /// The connection of the last group. The pool asks every connection whether it lives, when it is given back and when it is
-/// taken: one round trip in three of a busy intake, and between a group and the next.
+/// taken: one round trip in three of a busy intake, and between a group and the next. It is not the pool's any more, which
+/// takes its own back only where a runtime is.
 struct Kept {
-    connection: PoolConnection<Postgres>,
+    connection: PgConnection,
     used: Instant,
 }
 
 /// A connection, and the right to hold it.
 pub(super) struct Turn {
-    connection: PoolConnection<Postgres>,
+    connection: PgConnection,
     /// Whether nobody has asked it whether it lives.
     is_kept: bool,
     one: OwnedMutexGuard<Option<Kept>>,
@@ -84,7 +84,7 @@ impl Ledger for PostgresLedger {
         let is_kept = kept.is_some();
         let connection = match kept {
             Some(kept) => kept.connection,
-            None => self.pool.acquire().await?,
+            None => self.pool.acquire().await?.detach(),
         };
         Ok(Turn { connection, is_kept, one })
     }
@@ -95,7 +95,7 @@ impl Ledger for PostgresLedger {
             let seen = match look(&mut turn.connection, group).await {
                 // It died since. Nothing was written yet: another will do.
                 Err(_) if turn.is_kept => {
-                    (turn.connection, turn.is_kept) = (self.pool.acquire().await?, false);
+                    (turn.connection, turn.is_kept) = (self.pool.acquire().await?.detach(), false);
                     continue;
                 }
                 seen => seen?,

@@ -25,7 +25,8 @@ const CLAIM: &str = concat!(
     now!(),
     ", started = COALESCE(started, ",
     now!(),
-    ") WHERE id = (SELECT id FROM turns WHERE running < ? ORDER BY priority DESC, running, created, id LIMIT 1) RETURNING "
+    ") WHERE id = (SELECT id FROM turns WHERE running < ? ORDER BY priority DESC, running, served, created, id LIMIT 1) \
+     RETURNING "
 );
 const REQUEST: &str = "SELECT request FROM requests WHERE job_id = ?";
 

@@ -41,13 +41,14 @@ macro_rules! now {
 use now;
 
 /// Under `migrations/sqlite`, from the first on.
-pub(super) const MIGRATIONS: [schema::File; 6] = [
+pub(super) const MIGRATIONS: [schema::File; 7] = [
     (1, "jobs and maps", include_str!("../../../migrations/sqlite/0001_jobs_and_maps.sql")),
     (2, "queue and labels", include_str!("../../../migrations/sqlite/0002_queue_and_labels.sql")),
     (3, "fleet", include_str!("../../../migrations/sqlite/0003_fleet.sql")),
     (4, "sweeps", include_str!("../../../migrations/sqlite/0004_sweeps.sql")),
     (5, "traces", include_str!("../../../migrations/sqlite/0005_traces.sql")),
     (6, "parts", include_str!("../../../migrations/sqlite/0006_parts.sql")),
+    (7, "rounds", include_str!("../../../migrations/sqlite/0007_rounds.sql")),
 ];
 
 /// [`super::Records`] in one SQLite file.

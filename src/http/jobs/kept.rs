@@ -1,0 +1,40 @@
+//! What is kept of jobs' requests, unpacked: joins and updates begin with it.
+//!
+//! A request of megabytes of spaces is kept in a kilobyte, and a join may name a map many times: what all of it comes to is
+//! asked before any of it is unpacked, and is bounded by what the service may hold.
+
+use crate::http::shared::problem::Problem;
+
+/// Of what fits and answers may hold together, what requests that are unpacked at once may be: they are parsed, put
+/// together and packed again, and some are at it side by side.
+const SHARE: u64 = 8;
+const BOUNDS: (u64, u64) = (64 << 20, 512 << 20);
+
+/// Bytes of kept requests that may be unpacked for one new one.
+pub fn most_unpacked(memory: u64) -> u64 {
+    (memory / SHARE).clamp(BOUNDS.0, BOUNDS.1)
+}
+
+/// The bytes of a kept request once it is unpacked, as its frame says.
+pub fn unpacked_bytes(packed: &[u8]) -> u64 {
+    zstd::zstd_safe::get_frame_content_size(packed).ok().flatten().unwrap_or(u64::MAX)
+}
+
+pub fn unpack(packed: &[u8]) -> Result<Vec<u8>, Problem> {
+    zstd::decode_all(packed).map_err(|error| Problem::internal(&error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_packed_request_says_how_large_it_is() {
+        let request = vec![b' '; 3 << 20];
+        let packed = zstd::bulk::compress(&request, 1).unwrap();
+        assert!(packed.len() < 10_000);
+        assert_eq!(unpacked_bytes(&packed), 3 << 20);
+        assert_eq!(unpack(&packed).unwrap(), request);
+        assert_eq!(unpacked_bytes(b"something else"), u64::MAX);
+    }
+}
