@@ -36,7 +36,7 @@ site:
 pages:
   MAPFIT_BINARY=target/release/mapfit scripts/pages
 
-# The console's checks: types, format, units, and that its built files are those of its sources
+# The console's checks: types, format, units, that its built files are those of its sources, and all of it in a browser
 console:
   scripts/console
 

@@ -71,6 +71,24 @@ fn unknown_fields_and_parameters_are_faults_that_name_them() {
     }
     let problem = server.post(&format!("{own}/query"), &json!({"points": [[0, 0]], "point": 1})).problem(422);
     assert_eq!(problem["errors"][0]["pointer"], "/point");
+    for (method, path, body, wrong) in [
+        ("PUT", "/v1/places/hall", json!({"map": "x", "note": 3}), vec!["/map", "/map_id", "/note"]),
+        ("POST", "/v1/places/hall/rollback", json!({"version": "one"}), vec!["/version"]),
+        (
+            "POST",
+            "/v1/webhooks",
+            json!({"url": "https://x.example", "events": ["job.lost"], "a/b": 1}),
+            vec!["/a~1b", "/events"],
+        ),
+        ("POST", "/v1/webhooks", json!([]), vec![""]),
+    ] {
+        let answer =
+            server.send(method, path, &[("content-type", "application/json")], Some(body.to_string().as_bytes()));
+        let problem = answer.problem(422);
+        let pointers: Vec<&str> =
+            problem["errors"].as_array().unwrap().iter().map(|fault| fault["pointer"].as_str().unwrap()).collect();
+        assert_eq!(pointers, wrong, "{method} {path}: {problem}");
+    }
 }
 
 /// What has no business being large is refused as such, packed or not.

@@ -5,7 +5,11 @@ import { problemNotice, say } from "../kit/notice";
 import { nameOf } from "../map/panel";
 import { listMaps } from "../service/maps";
 import { NAME_PATTERN, publish } from "../service/places";
+import { isAbort } from "../service/problem";
 import type { Place } from "../service/types";
+
+/** Maps to choose from. */
+const LISTED = 200;
 
 export function publishForm(place: string | null, done: (place: Place) => void, signal: AbortSignal): HTMLElement {
   const name = make("input", {
@@ -21,15 +25,32 @@ export function publishForm(place: string | null, done: (place: Place) => void, 
   const map = make("select", { id: "place-map", required: true });
   const note = make("input", { type: "text", id: "place-note", maxlength: 256, autocomplete: "off" });
   const outcome = make("div", {});
-  void listMaps({ limit: 200 }, signal).then(
-    ({ items }) => map.replaceChildren(...items.map((one) => make("option", { value: one.id }, nameOf(one)))),
-    () => {},
+  const older = make("input", { type: "text", id: "place-older", autocomplete: "off", spellcheck: "false" });
+  const others = make(
+    "div",
+    { class: "stack", hidden: true },
+    make("label", { for: "place-older" }, `Or the id of an older one: these are the newest ${LISTED}`),
+    older,
+  );
+  void listMaps({ limit: LISTED }, signal).then(
+    ({ items, next_cursor }) => {
+      map.replaceChildren(...items.map((one) => make("option", { value: one.id }, nameOf(one))));
+      others.hidden = next_cursor === null;
+    },
+    (error: unknown) => {
+      if (!isAbort(error)) outcome.replaceChildren(problemNotice(error));
+    },
   );
   const submit = async (event: Event) => {
     event.preventDefault();
     outcome.replaceChildren();
     try {
-      const published = await publish(place ?? name.value, map.value, note.value.trim(), place === null);
+      const published = await publish(
+        place ?? name.value,
+        older.value.trim() || map.value,
+        note.value.trim(),
+        place === null,
+      );
       say(`Published at ${published.name} as version ${published.version}`);
       note.value = "";
       done(published);
@@ -51,6 +72,7 @@ export function publishForm(place: string | null, done: (place: Place) => void, 
       : null,
     make("label", { for: "place-map" }, "Map"),
     map,
+    others,
     make("label", { for: "place-note" }, "Note"),
     note,
     outcome,

@@ -113,8 +113,8 @@ class SubmitPage {
     };
     const form = jobForm(summary, file.name, (selection) => void changed(selection));
     // A repeat after a lost answer is the same submission; after a change it is another.
-    let idempotency = crypto.randomUUID();
-    form.element.addEventListener("input", () => (idempotency = crypto.randomUUID()));
+    let idempotency = newKey();
+    form.element.addEventListener("input", () => (idempotency = newKey()));
     const outcome = make("div", {});
     const button = make("button", { type: "submit", class: "primary" }, "Submit");
     const submit = async (event: Event) => {
@@ -164,4 +164,10 @@ class SubmitPage {
     );
     outcome.replaceChildren(problemNotice(rest));
   }
+}
+
+/** A name that no other submission has. Not `crypto.randomUUID`: a page that came by plain HTTP does without it. */
+function newKey(): string {
+  const bytes = crypto.getRandomValues(new Uint8Array(16));
+  return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
 }

@@ -8,6 +8,7 @@ use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::http::shared::members::{Member, Members, reads};
 use crate::http::shared::page::timestamp;
 use crate::http::shared::problem::Problem;
 use crate::store::{Guard, Place};
@@ -43,12 +44,20 @@ pub struct PublishBody {
     pub note: Option<String>,
 }
 
+impl Members for PublishBody {
+    const MEMBERS: &'static [Member] = &[("map_id", true, reads::<String>), ("note", false, reads::<Option<String>>)];
+}
+
 /// Which version to publish again.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Rollback {
     #[schema(minimum = 1)]
     pub version: i64,
+}
+
+impl Members for Rollback {
+    const MEMBERS: &'static [Member] = &[("version", true, reads::<i64>)];
 }
 
 impl From<Place> for PlaceBody {

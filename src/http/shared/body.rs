@@ -13,14 +13,11 @@ use axum::http::{HeaderMap, StatusCode, header};
 use bytes::{Bytes, BytesMut};
 use http_body_util::BodyExt;
 
-use serde::de::DeserializeOwned;
-
 use super::compute::Queue;
 use super::negotiate::JSON;
 use super::problem::Problem;
 use super::ration::Share;
 use super::state::Service;
-use crate::jobs::Fault;
 
 /// How much of a refused body is received, as a multiple of the limit, and for how long.
 const PATIENCE: usize = 4;
@@ -120,21 +117,6 @@ impl Service {
                 Err(problem)
             }
         }
-    }
-}
-
-impl Service {
-    /// A small JSON body that serde can read: one fault is what there can be of it.
-    pub async fn read_small<T: DeserializeOwned>(&self, headers: &HeaderMap, body: Body) -> Result<T, Problem> {
-        let bytes = self.read_few(headers, body, &[JSON.media]).await?;
-        // Deep nesting is refused by serde_json itself, which reads no deeper than 128 levels.
-        serde_json::from_slice::<serde_json::Value>(&bytes).map_err(|error| Problem {
-            slug: "malformed-json",
-            detail: error.to_string(),
-            ..Problem::of_status(StatusCode::BAD_REQUEST)
-        })?;
-        serde_json::from_slice(&bytes)
-            .map_err(|error| Problem::invalid(vec![Fault { pointer: String::new(), detail: error.to_string() }]))
     }
 }
 

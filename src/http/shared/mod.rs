@@ -5,6 +5,7 @@ pub mod cache;
 pub mod caller;
 pub mod compute;
 pub mod keyed;
+pub mod members;
 pub mod multipart;
 pub mod negotiate;
 pub mod page;

@@ -5,6 +5,7 @@ use base64::engine::general_purpose::STANDARD;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::http::shared::members::{Member, Members, reads};
 use crate::http::shared::page::timestamp;
 use crate::http::shared::problem::Problem;
 use crate::jobs::Fault;
@@ -47,6 +48,14 @@ pub struct NewWebhookBody {
     pub events: Vec<Event>,
     /// `whsec_` and 24 to 64 bytes in base64, as Standard Webhooks has them; one is made where it is missing.
     pub secret: Option<String>,
+}
+
+impl Members for NewWebhookBody {
+    const MEMBERS: &'static [Member] = &[
+        ("url", true, reads::<String>),
+        ("events", true, reads::<Vec<Event>>),
+        ("secret", false, reads::<Option<String>>),
+    ];
 }
 
 /// A webhook.
