@@ -50,8 +50,8 @@ impl FitCommand {
         let bar = RefCell::new(Bar::new());
         let map = fitted(&request, &bar)?;
         bar.borrow_mut().says(FITTED, format!("writing to {folder}"));
-        let factors =
-            Factors::of(&mut request.resume(&map)?).map_err(|error| SurveyError::from(MapError::from(error)))?;
+        let factors = Factors::of(&mut request.resume(&map, &|| true)?)
+            .map_err(|error| SurveyError::from(MapError::from(error)))?;
         write(out, "factors.npz", &factors_npz(&factors).map_err(ArchiveError::from)?)?;
         let told = json!({"lattice": map.lattice(), "fit": map.report});
         write_map(out, &map, &told, request.name.as_deref().unwrap_or("map"))?;

@@ -161,7 +161,7 @@ pub fn fit(
 }
 
 /// The estimate of a fit that has ended before, from where it ended: system and inputs are assembled there, nothing is
-/// minimised. What a stored map's covariance is formed from on demand.
+/// minimised. What a stored map's covariance is formed from on demand. `go_on` says whether to go on.
 pub fn resume(
     scans: &[LaserScan],
     noise: &Noise,
@@ -169,10 +169,11 @@ pub fn resume(
     lattice: &Lattice,
     options: &FitOptions,
     team: &Team,
-    end: End<'_>,
+    (end, go_on): (End<'_>, &dyn Fn() -> bool),
 ) -> Result<Estimate, FitError> {
     let job = Job { scans, noise, lattice, options, team, end: Some(end) };
-    dispatch(&job, distance, &mut |_| ControlFlow::Continue(()))
+    let mut observer = |_: &Progress| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+    dispatch(&job, distance, &mut observer)
 }
 
 fn dispatch(job: &Job<'_>, distance: Distance, observer: Observer<'_>) -> Result<Estimate, FitError> {

@@ -75,8 +75,8 @@ impl JobRequest {
     /// What a request's document may have.
     pub const MEMBERS: [&str; 8] = ["name", "labels", "scans", "noise", "map", "fit", "priority", "deadline_seconds"];
 
-    /// The fit's end, found again; `map` is this request's.
-    pub fn resume(&self, map: &FittedMap) -> Result<Estimate, SurveyError> {
+    /// The fit's end, found again; `map` is this request's. `go_on` says whether to go on.
+    pub fn resume(&self, map: &FittedMap, go_on: &dyn Fn() -> bool) -> Result<Estimate, SurveyError> {
         if self.joined.is_some() {
             let places: Vec<Pose> = map.frames.iter().map(|frame| frame.put).collect();
             let placed = Self {
@@ -85,9 +85,9 @@ impl JobRequest {
                 scans: self.placed_scans(&places),
                 ..self.clone()
             };
-            return placed.resume(map);
+            return placed.resume(map, go_on);
         }
-        self.survey().resume(map)
+        self.survey().resume_while(map, go_on)
     }
 
     /// The fit that is asked for, by one thread unless others are named: a service has its own for others' requests.

@@ -146,6 +146,11 @@ impl<'a> Survey<'a> {
 
     /// The fit's end, found again: what is not kept with a map is formed from there. `map` is this survey's.
     pub fn resume(&self, map: &FittedMap) -> Result<Estimate, SurveyError> {
+        self.resume_while(map, &|| true)
+    }
+
+    /// The same; `go_on` says whether to go on.
+    pub fn resume_while(&self, map: &FittedMap, go_on: &dyn Fn() -> bool) -> Result<Estimate, SurveyError> {
         let (coefficients, poses) = map.resume_from();
         let reported: Vec<f64>;
         let poses = match (poses, map.report.weights.poses) {
@@ -157,7 +162,8 @@ impl<'a> Survey<'a> {
             (poses, _) => poses,
         };
         let end = End { coefficients: &coefficients, poses };
-        Ok(fit::resume(self.scans, &self.noise, self.distance, map.lattice(), &self.options, &self.team, end)?)
+        let lattice = map.lattice();
+        Ok(fit::resume(self.scans, &self.noise, self.distance, lattice, &self.options, &self.team, (end, go_on))?)
     }
 
     fn laid_out(&self) -> Result<Lattice, SurveyError> {

@@ -216,7 +216,8 @@ fn a_fit_is_found_again_where_it_ended() {
         let estimate = fitted(&scans, distance, &options(poses));
         let coefficients: Vec<&[f64]> = estimate.surfaces.iter().map(|s| s.coefficients.as_slice()).collect();
         let end = End { coefficients: &coefficients, poses: &estimate.resume };
-        let again = resume(&scans, &noise, distance, &lattice(), &options(poses), &Team::default(), end).unwrap();
+        let again =
+            resume(&scans, &noise, distance, &lattice(), &options(poses), &Team::default(), (end, &|| true)).unwrap();
         // A fit's pattern also holds what its poses saw on the way.
         let (again, before) = (again.system.hessian.diagonal(), estimate.system.hessian.diagonal());
         assert!(again.iter().zip(&before).all(|(a, b)| (a - b).abs() <= 1e-9 * b.abs()));

@@ -4,6 +4,8 @@ mod jobs;
 mod keys;
 mod logs;
 mod places;
+#[path = "../support/postgres.rs"]
+mod postgres_server;
 mod quotas;
 mod retention;
 mod strangers;
@@ -24,6 +26,12 @@ fn logging(data: &Path, log: &Path, arguments: &[&str]) -> Server {
     command.args(["serve", "--listen", "127.0.0.1:0", "--workers", "1"]).args(arguments).arg("--data").arg(data);
     command.stderr(std::fs::File::create(log).unwrap());
     Server::start_command(command)
+}
+
+/// What the promises of a store are held to: arguments of `serve`, on SQLite and on PostgreSQL.
+fn on_each_store(test: impl Fn(&[&str])) {
+    test(&[]);
+    test(&["--database-url", &postgres_server::database()]);
 }
 
 const JSON: (&str, &str) = ("content-type", "application/json");

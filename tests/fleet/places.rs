@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 
 use crate::support::{Server, small};
-use crate::{JSON, put};
+use crate::{JSON, on_each_store, put};
 
 #[test]
 fn a_place_has_the_map_that_was_published_last() {
@@ -89,13 +89,17 @@ fn a_robot_waits_for_the_next_map() {
 /// number is missing or there twice.
 #[test]
 fn what_was_published_outlives_a_kill() {
+    on_each_store(published_and_killed);
+}
+
+fn published_and_killed(store: &[&str]) {
     const PUBLISHERS: i64 = 4;
     let data = tempfile::tempdir().unwrap();
-    let map = Server::start(data.path(), 1).map_of(&small(1));
+    let map = Server::start_with(data.path(), 1, store).map_of(&small(1));
     let body = json!({"map_id": map}).to_string();
     let answered = Mutex::new(Vec::new());
     for round in 1..=5 {
-        let mut server = Server::start(data.path(), 0);
+        let mut server = Server::start_with(data.path(), 0, store);
         let url = format!("{}/v1/places/hall", server.url);
         std::thread::scope(|scope| {
             for _ in 0..PUBLISHERS {
@@ -113,7 +117,7 @@ fn what_was_published_outlives_a_kill() {
             server.child.kill().unwrap();
         });
     }
-    let server = Server::start(data.path(), 0);
+    let server = Server::start_with(data.path(), 0, store);
     let items = server.get("/v1/places/hall/versions?limit=1000").json()["items"].as_array().unwrap().clone();
     let versions: Vec<i64> = items.iter().rev().map(|place| place["version"].as_i64().unwrap()).collect();
     let mut answered = answered.into_inner().unwrap();

@@ -9,8 +9,8 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 
-use crate::put;
 use crate::support::{Answer, Server, long, small};
+use crate::{on_each_store, put};
 
 /// A receiver that keeps what it was sent, and answers with the statuses it is given, the last for ever.
 fn receiver(statuses: &'static [u16]) -> (String, mpsc::Receiver<(String, String)>) {
@@ -92,28 +92,31 @@ fn webhooks_are_signed_retried_and_listed() {
 /// The server dies when the job has ended and its delivery is on its way; another process makes it again.
 #[test]
 fn an_event_is_delivered_across_a_kill() {
-    let data = tempfile::tempdir().unwrap();
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = format!("http://{}/hook", listener.local_addr().unwrap());
-    let server = Server::start_with(data.path(), 1, &["--webhook-allow", "127.0.0.1/32"]);
-    let made = server.post("/v1/webhooks", &json!({"url": address, "events": ["job.successful"]}));
-    assert_eq!(made.status, 201);
-    let id = server.submit(&small(1));
-    // It is connected to and told, and says nothing.
-    let (mut silent, _) = listener.accept().unwrap();
-    let mut first = [0; 1];
-    silent.read_exact(&mut first).unwrap();
-    assert_eq!(server.get(&format!("/v1/jobs/{id}")).json()["status"], "successful");
-    // SIGKILL.
-    drop(server);
-    let killed = Instant::now();
-    let _server = Server::start_with(data.path(), 0, &["--webhook-allow", "127.0.0.1/32"]);
-    let (mut stream, _) = listener.accept().unwrap();
-    let mut text = [0; 4096];
-    let read = stream.read(&mut text).unwrap();
-    println!("delivered again {:?} after the kill", killed.elapsed());
-    assert!(String::from_utf8_lossy(&text[..read]).contains("webhook-id: msg_"));
-    assert!(killed.elapsed() < Duration::from_secs(40));
+    on_each_store(|store| {
+        let data = tempfile::tempdir().unwrap();
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = format!("http://{}/hook", listener.local_addr().unwrap());
+        let arguments = [&["--webhook-allow", "127.0.0.1/32"], store].concat();
+        let server = Server::start_with(data.path(), 1, &arguments);
+        let made = server.post("/v1/webhooks", &json!({"url": address, "events": ["job.successful"]}));
+        assert_eq!(made.status, 201);
+        let id = server.submit(&small(1));
+        // It is connected to and told, and says nothing.
+        let (mut silent, _) = listener.accept().unwrap();
+        let mut first = [0; 1];
+        silent.read_exact(&mut first).unwrap();
+        assert_eq!(server.get(&format!("/v1/jobs/{id}")).json()["status"], "successful");
+        // SIGKILL.
+        drop(server);
+        let killed = Instant::now();
+        let _server = Server::start_with(data.path(), 0, &arguments);
+        let (mut stream, _) = listener.accept().unwrap();
+        let mut text = [0; 4096];
+        let read = stream.read(&mut text).unwrap();
+        println!("{store:?}: delivered again {:?} after the kill", killed.elapsed());
+        assert!(String::from_utf8_lossy(&text[..read]).contains("webhook-id: msg_"));
+        assert!(killed.elapsed() < Duration::from_secs(40));
+    });
 }
 
 /// A receiver that never answers keeps places from nobody else.

@@ -77,9 +77,8 @@ fn what_nobody_waits_for_any_more_is_not_made() {
         std::thread::sleep(Duration::from_millis(100));
         drop(clients);
         let spent = rested(&server) - after_one;
-        let cores = std::thread::available_parallelism().unwrap().get() as f64;
         println!("{asked}: one takes {one:.2} s, forty that nobody waits for {spent:.2} s");
-        assert!(spent < one * (cores + 2.0) + 0.5, "{asked}: {spent:.2} s; one takes {one:.2} s");
+        assert!(spent < 0.5 * one + 0.5, "{asked}: {spent:.2} s; one takes {one:.2} s");
     }
 }
 

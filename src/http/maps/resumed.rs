@@ -88,8 +88,9 @@ impl Ended {
             return Err(too_large(cost.bytes));
         }
         let _held = workshop.reserve(cost.bytes as u64, &|| leash.holds()).ok_or_else(Problem::too_slow)?;
-        let estimate = request.resume(&self.map).map_err(|error| Problem::internal(&error))?;
+        let estimate = request.resume(&self.map, &|| leash.holds());
         leash.goes_on()?;
+        let estimate = estimate.map_err(|error| Problem::internal(&error))?;
         form(estimate)
     }
 }
