@@ -167,8 +167,7 @@ fn stream(seed: u64) -> Vec<Seen> {
     }
     let mut seen: Vec<Seen> = sent
         .iter()
-        .enumerate()
-        .map(|(k, one)| {
+        .map(|one| {
             let job = ended(one);
             assert_eq!(job["attempt"], 1);
             let priority = job["priority"].as_i64().unwrap() as i32;
