@@ -156,8 +156,10 @@ export class MapView {
     );
   }
 
+  /** The address follows, and tells everybody later: what comes to rest meanwhile must not take this back. */
   private go(change: Partial<View>): void {
-    location.hash = hrefOf(this.record.id, { ...this.view, camera: this.canvas.camera, ...change });
+    this.view = { ...this.view, camera: this.canvas.camera, ...change };
+    location.hash = hrefOf(this.record.id, this.view);
   }
 
   /** The view came to rest: the address follows, but moving about is no step to go back over. */
