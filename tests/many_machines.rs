@@ -162,7 +162,7 @@ fn a_job_is_taken_within_a_second_by_who_is_cut_off() {
 /// that still has one ends well.
 #[test]
 fn what_submissions_keep_is_no_trouble_when_it_is_cut_off_or_the_server_ends() {
-    const CUT: &str = "SELECT count(pg_terminate_backend(pid)) FROM pg_stat_activity WHERE datname = current_database() \
+    const CUT: &str = "SELECT count(pg_terminate_backend(pid, 5000)) FROM pg_stat_activity WHERE datname = current_database() \
                        AND application_name = 'mapfit' AND pid <> pg_backend_pid() AND query NOT LIKE 'LISTEN%'";
     for workers in [0, 1] {
         let (data, url) = (tempfile::tempdir().unwrap(), database());

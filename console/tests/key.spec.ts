@@ -64,6 +64,7 @@ test("with a key a job is sent and watched, its map is drawn, its files are fetc
     // What the key may not do is said in the service's words.
     await page.goto(page.url().replace(/#.*/, "#/places"));
     await page.getByLabel("Name", { exact: true }).fill("hall");
+    await expect(page.locator("#place-map option")).toHaveCount(1);
     await page.getByRole("button", { name: "Publish" }).click();
     await expect(page.getByRole("alert")).toContainText("admin");
   } finally {

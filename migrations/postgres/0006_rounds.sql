@@ -35,6 +35,20 @@ BEGIN
     ) AS free WHERE lanes.tenant = of_tenant AND lanes.priority = free.priority;
 END $$;
 
+-- A job that is given back is as if it had never been claimed, and so is its tenant. Fires behind lanes_joined, by their names:
+-- `served` is what is locked last.
+CREATE FUNCTION unserve() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    UPDATE served SET claim = 0 WHERE tenant = new.tenant;
+    UPDATE lanes SET served = 0 FROM (
+        SELECT priority FROM lanes WHERE tenant = new.tenant FOR UPDATE SKIP LOCKED
+    ) AS free WHERE lanes.tenant = new.tenant AND lanes.priority = free.priority;
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER lanes_released AFTER UPDATE OF status ON jobs FOR EACH ROW
+WHEN (old.status = 'running' AND new.status = 'accepted' AND new.attempt < old.attempt) EXECUTE FUNCTION unserve();
+
 -- As before (0001), by priority, then by how few jobs of its tenant run, then by how long ago its tenant was served, then by age.
 CREATE OR REPLACE FUNCTION claim_job(by_worker TEXT, lease_ms BIGINT, most_running BIGINT, wait_for TEXT)
 RETURNS TABLE (claimed jobs, request BYTEA, busy TEXT) LANGUAGE plpgsql

@@ -28,3 +28,11 @@ BEGIN
     ON CONFLICT (tenant) DO UPDATE SET claim = excluded.claim;
     UPDATE turns SET served = (SELECT claim FROM served WHERE tenant = new.tenant) WHERE tenant = new.tenant;
 END;
+
+-- A job that is given back is as if it had never been claimed, and so is its tenant.
+CREATE TRIGGER turns_released AFTER UPDATE OF status ON jobs
+WHEN old.status = 'running' AND new.status = 'accepted' AND new.attempt < old.attempt
+BEGIN
+    UPDATE served SET claim = 0 WHERE tenant = new.tenant;
+    UPDATE turns SET served = 0 WHERE tenant = new.tenant;
+END;

@@ -71,7 +71,7 @@ impl Demo {
             println!("serving until Ctrl-C");
             runtime.block_on(stop_signal());
         }
-        service.stop(&runtime);
+        service.stop(runtime);
         Ok(())
     }
 }

@@ -205,9 +205,7 @@ impl Serve {
         let service = runtime.block_on(Running::start(faces, tls, &self.house, self.limits()))?;
         println!("serving on {scheme}://{}", service.address);
         runtime.block_on(stop_signal());
-        service.stop(&runtime);
-        // An answer that is being formed for nobody may take longer.
-        runtime.shutdown_timeout(LAST_GRACE);
+        service.stop(runtime);
         Ok(())
     }
 }
@@ -274,7 +272,7 @@ impl Running {
     }
 
     /// Takes no new requests or jobs, gives running fits their grace, hands back the rest.
-    pub fn stop(mut self, runtime: &Runtime) {
+    pub fn stop(mut self, runtime: Runtime) {
         tracing::info!("draining");
         if let Some(solvers) = self.solvers.take() {
             solvers.drain(GRACE);
@@ -285,6 +283,8 @@ impl Running {
             tracing::warn!("some connections did not end in time");
         }
         self.workshop.traces.end();
+        // An answer that is being formed for nobody may take longer.
+        runtime.shutdown_timeout(LAST_GRACE);
         tracing::info!("stopped");
     }
 }

@@ -46,7 +46,7 @@ pub use theme::Theme;
 pub(crate) use theme::shade;
 pub use tile::{FINEST, Tile, TileLayer, tile};
 
-/// Whether somebody still waits for what is being made.
+/// Whether somebody still waits for what is being made. Once it says no it goes on saying so.
 pub type Wanted<'a> = &'a dyn Fn() -> bool;
 
 /// Of whoever waits for the end, however long it takes.
@@ -96,6 +96,9 @@ mod tests {
     use crate::sim::Scenario;
     use crate::uncertainty::Kind;
 
+    /// What makes something as long as it is wanted.
+    type Maker<'a> = &'a dyn Fn(Wanted) -> Result<(), RenderError>;
+
     /// Whoever waits leaves after three questions.
     #[test]
     fn what_nobody_wants_any_more_is_left_at_once() {
@@ -105,7 +108,7 @@ mod tests {
         let picture = |layer| Picture { layer, overlays: vec![Overlay::Contour], cell: None, page: Page::new("", 900) };
         let piece = Tile { layer: TileLayer::Sigma, level: 8, x: 0, y: 0, kind, dark: false, most: 1.0 };
         let drawn = |layer, wanted: Wanted| map_picture_while(&map, &picture(layer), wanted).map(drop);
-        let makers: [(&str, &dyn Fn(Wanted) -> Result<(), RenderError>); 7] = [
+        let makers: [(&str, Maker); 7] = [
             ("grid", &|wanted| OccupancyGrid::of_while(&map, 0.05, kind, wanted).map(drop)),
             ("rasters", &|wanted| Rasters::of_while(&map, &RasterLayer::ALL, 0.05, kind, wanted).map(drop)),
             ("a level and its band", &|wanted| contours_while(&map, 0.5, Some(2.0), kind, wanted).map(drop)),

@@ -7,8 +7,8 @@
 //! The promises, which every implementation keeps and one conformance suite checks:
 //!
 //! - Accepted is durable: the row is committed before the answer is sent, its idempotency key in the same transaction.
-//! - A claim takes one job, by priority, then by how few jobs of its tenant run, then by how long
-//!   ago its tenant was served, then by age, and raises `attempt`.
+//! - A claim takes one job, by priority, then by how few jobs of its tenant run, then by how long ago its tenant was
+//!   served, then by age, and raises `attempt`.
 //! - Every later write is fenced by `id AND attempt AND status = 'running'`. `false` means the lease is lost: the solver
 //!   stops, and nothing was written. A late worker can never overwrite a newer result.
 //! - Leases live by the database's clock. A lapsed lease costs an attempt; a job out of attempts has failed.

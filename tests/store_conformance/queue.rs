@@ -91,6 +91,10 @@ pub async fn a_released_job_is_as_if_never_claimed(store: &dyn Records) {
     assert!(store.release(&job.id, 1, &QUEUED).await.unwrap());
     let back = store.job("a", &job.id).await.unwrap().unwrap();
     assert_eq!((back.status, back.attempt), (JobStatus::Accepted, 0));
+    // Its tenant has not had its turn.
+    accept(store, new_job("b", 0)).await;
+    assert_eq!(store.claim(&terms("w")).await.unwrap().unwrap().job.id, job.id);
+    assert!(store.release(&job.id, 1, &QUEUED).await.unwrap());
     assert!(!store.retry(&job.id, 1, Duration::ZERO, "late", &QUEUED).await.unwrap());
 }
 

@@ -26,10 +26,12 @@ export function publishForm(place: string | null, done: (place: Place) => void, 
   const note = make("input", { type: "text", id: "place-note", maxlength: 256, autocomplete: "off" });
   const outcome = make("div", {});
   const older = make("input", { type: "text", id: "place-older", autocomplete: "off", spellcheck: "false" });
+  // Whichever is named last is meant.
+  older.addEventListener("input", () => (map.disabled = older.value.trim() !== ""));
   const others = make(
     "div",
     { class: "stack", hidden: true },
-    make("label", { for: "place-older" }, `Or the id of an older one: these are the newest ${LISTED}`),
+    make("label", { for: "place-older" }, "Or the id of one that is not listed"),
     older,
   );
   void listMaps({ limit: LISTED }, signal).then(
@@ -38,7 +40,9 @@ export function publishForm(place: string | null, done: (place: Place) => void, 
       others.hidden = next_cursor === null;
     },
     (error: unknown) => {
-      if (!isAbort(error)) outcome.replaceChildren(problemNotice(error));
+      if (isAbort(error)) return;
+      others.hidden = false;
+      outcome.replaceChildren(problemNotice(error));
     },
   );
   const submit = async (event: Event) => {

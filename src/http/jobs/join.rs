@@ -93,7 +93,7 @@ async fn stored_requests(state: &AppState, caller: &Caller, join: &JoinBody) -> 
                 format!("the job {} and its request are gone, and with it the scans of the map", record.job_id);
             Problem::new(StatusCode::CONFLICT, "request-gone", "The map's request is gone", detail)
         })?;
-        bytes = bytes.saturating_add(unpacked_bytes(&own));
+        bytes = bytes.saturating_add(unpacked_bytes(&own, most));
         packed.push(own);
         if bytes > most {
             let detail =

@@ -3,6 +3,8 @@
 //! A request of megabytes of spaces is kept in a kilobyte, and a join may name a map many times: what all of it comes to is
 //! asked before any of it is unpacked, and is bounded by what the service may hold.
 
+use std::io::Read;
+
 use crate::http::shared::problem::Problem;
 
 /// Of what fits and answers may hold together, what requests that are unpacked at once may be: they are parsed, put
@@ -15,9 +17,14 @@ pub fn most_unpacked(memory: u64) -> u64 {
     (memory / SHARE).clamp(BOUNDS.0, BOUNDS.1)
 }
 
-/// The bytes of a kept request once it is unpacked, as its frame says.
-pub fn unpacked_bytes(packed: &[u8]) -> u64 {
-    zstd::zstd_safe::get_frame_content_size(packed).ok().flatten().unwrap_or(u64::MAX)
+/// The bytes of a kept request once it is unpacked, counted as far as one beyond `most`. Its frame says so; those of the
+/// first version do not, and are read through, holding nothing.
+pub fn unpacked_bytes(packed: &[u8], most: u64) -> u64 {
+    if let Ok(Some(bytes)) = zstd::zstd_safe::get_frame_content_size(packed) {
+        return bytes;
+    }
+    let read = |decoder: zstd::Decoder<'_, _>| std::io::copy(&mut decoder.take(most + 1), &mut std::io::sink());
+    zstd::Decoder::new(packed).and_then(read).unwrap_or(u64::MAX)
 }
 
 pub fn unpack(packed: &[u8]) -> Result<Vec<u8>, Problem> {
@@ -33,8 +40,17 @@ mod tests {
         let request = vec![b' '; 3 << 20];
         let packed = zstd::bulk::compress(&request, 1).unwrap();
         assert!(packed.len() < 10_000);
-        assert_eq!(unpacked_bytes(&packed), 3 << 20);
+        assert_eq!(unpacked_bytes(&packed, 1 << 20), 3 << 20);
         assert_eq!(unpack(&packed).unwrap(), request);
-        assert_eq!(unpacked_bytes(b"something else"), u64::MAX);
+        assert_eq!(unpacked_bytes(b"something else", 1 << 20), u64::MAX);
+    }
+
+    /// As the first version packed them.
+    #[test]
+    fn one_that_does_not_say_so_is_counted() {
+        let packed = zstd::encode_all(&vec![b' '; 3 << 20][..], 1).unwrap();
+        assert_eq!(zstd::zstd_safe::get_frame_content_size(&packed).unwrap(), None);
+        assert_eq!(unpacked_bytes(&packed, 4 << 20), 3 << 20);
+        assert_eq!(unpacked_bytes(&packed, 1 << 20), (1 << 20) + 1);
     }
 }

@@ -59,7 +59,8 @@ pub async fn update_map(
     let received = state.read_body(&headers, body, &[JSON.media]).await?;
     let key = idempotency_key(&headers)?;
     let (limits, quota, budget) = (state.workshop.limits, state.limits.quota, state.workshop.rules.memory);
-    let (bytes, most) = (unpacked_bytes(&packed), most_unpacked(budget));
+    let most = most_unpacked(budget);
+    let bytes = unpacked_bytes(&packed, most);
     if bytes > most {
         let detail =
             format!("what the map was formed from is more than {most} bytes, which is what is updated at once");

@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Redirect, Response};
@@ -18,16 +17,12 @@ use crate::store::Place;
 #[utoipa::path(get, operation_id = "list_places", path = "/v1/places", tag = "places", security(("key" = ["read"])),
     params(("limit" = Option<u32>, Query, minimum = 1, maximum = 1000), ("cursor" = Option<String>, Query)),
     responses((status = 200, description = "a page of places", body = Page<PlaceBody>), Refused))]
-pub async fn list_places(
-    State(state): State<AppState>,
-    caller: Caller,
-    uri: Uri,
-) -> Result<Json<Page<PlaceBody>>, Problem> {
+pub async fn list_places(State(state): State<AppState>, caller: Caller, uri: Uri) -> Result<Response, Problem> {
     let mut params = Params::of(&uri);
     let (limit, before) = params.numbered_page();
     params.finish()?;
     let places = state.workshop.records.places(&caller.tenant, before, limit + 1).await?;
-    Ok(Json(Page::numbered(places, limit, |place: &Place| place.serial)))
+    state.page(Page::<PlaceBody>::numbered(places, limit, |place: &Place| place.serial)).await
 }
 
 /// Which map a place has; with `wait` and `If-None-Match`, answers when that has changed, or 304 after so many seconds.
@@ -81,13 +76,13 @@ pub async fn list_place_versions(
     caller: Caller,
     Path(name): Path<String>,
     uri: Uri,
-) -> Result<Json<Page<PlaceBody>>, Problem> {
+) -> Result<Response, Problem> {
     let mut params = Params::of(&uri);
     let (limit, before) = params.numbered_page();
     params.finish()?;
     named(&state, &caller, &name).await?;
     let versions = state.workshop.records.place_versions(&caller.tenant, &name, before, limit + 1).await?;
-    Ok(Json(Page::numbered(versions, limit, |place: &Place| place.version)))
+    state.page(Page::<PlaceBody>::numbered(versions, limit, |place: &Place| place.version)).await
 }
 
 /// To the published map.

@@ -104,7 +104,10 @@ impl Compute {
                 let _permit = permit;
                 match (leash.holds(), queue) {
                     (false, _) => Err(Problem::too_slow()),
-                    (true, Queue::Small) => Ok(task(&leash)),
+                    (true, Queue::Small) => {
+                        task(&leash);
+                        Ok(())
+                    }
                     (true, _) => in_background(|| task(&leash)).map_err(|error| no_thread(&error)),
                 }
             };

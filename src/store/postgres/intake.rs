@@ -24,6 +24,8 @@ const MARGIN: i64 = 1024;
 const TRIES: usize = 3;
 /// A connection that was used so long ago is asked first whether it still is one.
 const FRESH: Duration = Duration::from_secs(1);
+/// And has so long to answer.
+const ANSWERS_WITHIN: Duration = Duration::from_secs(1);
 
 const KNOWN_KEYS: &str = "SELECT k.tenant, k.key, k.body, k.job_id FROM unnest($1::text[], $2::text[]) AS asked (tenant, key) \
      JOIN idempotency_keys AS k ON k.tenant = asked.tenant AND k.key = asked.key";
@@ -80,8 +82,13 @@ impl Ledger for PostgresLedger {
 
     async fn turn(&self) -> Result<Turn, StoreError> {
         let mut one = self.one.clone().lock_owned().await;
-        let kept = one.take().filter(|kept| kept.used.elapsed() < FRESH);
-        let is_kept = kept.is_some();
+        let mut kept = one.take();
+        let is_kept = kept.as_ref().is_some_and(|kept| kept.used.elapsed() < FRESH);
+        if let Some(old) = kept.as_mut().filter(|_| !is_kept)
+            && !matches!(tokio::time::timeout(ANSWERS_WITHIN, old.connection.ping()).await, Ok(Ok(())))
+        {
+            kept = None;
+        }
         let connection = match kept {
             Some(kept) => kept.connection,
             None => self.pool.acquire().await?.detach(),
