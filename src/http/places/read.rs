@@ -116,8 +116,8 @@ pub async fn get_place_map_part(
 /// To the same tile of the published map.
 #[utoipa::path(get, operation_id = "get_place_map_tile", path = "/v1/places/{name}/map/tiles/{layer}/{z}/{x}/{y}", tag = "places",
     security(("key" = ["read"])),
-    params(("name" = String, Path), ("layer" = String, Path, pattern = "^(distance|sigma|clearance|occupancy)$"),
-        ("z" = u32, Path, maximum = 14), ("x" = i32, Path), ("y" = i32, Path)),
+    params(("name" = String, Path), ("layer" = String, Path), ("z" = String, Path), ("x" = String, Path),
+        ("y" = String, Path, description = "all of it as below `/v1/maps/{id}/tiles/`, which says what there is")),
     responses((status = 307, description = "to that tile of the published map", headers(("location" = String, description = "its address"))),
         Refused))]
 pub async fn get_place_map_tile(
