@@ -250,7 +250,7 @@ impl Running {
             && !workshop.records.has_keys().await?
         {
             return Err(CliError::Usage(format!(
-                "{face} is not a loopback address, and there are no API keys: whoever reaches it could do anything. \
+                "{face} is not a loopback address, and there are no API keys: what it serves is not for whoever reaches it. \
                  Make one with `mapfit keys create --tenant T --scopes read,submit,admin`, or listen on 127.0.0.1"
             )));
         }

@@ -10,7 +10,8 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use super::error::SparseError;
 use super::few::Panel;
-use super::team::{Pace, Team};
+use super::pace::Pace;
+use super::team::Team;
 use super::tree::Tree;
 
 /// Columns that walk together: as many as make use of a panel once it has been fetched.

@@ -6,9 +6,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::cholesky::Elimination;
 use super::error::{LARGEST_FACTOR, SparseError};
+use super::pace::Pace;
 use super::parcel::{Answer, Parcel, columns, triangle};
 use super::selected::{Derivative, Inverse, Sandwich};
-use super::team::{Pace, watched};
+use super::team::watched;
 use super::tree::Tree;
 use super::walk::{Downward, Upward, branch_down, branch_up};
 

@@ -18,6 +18,7 @@ mod dense;
 mod division;
 mod error;
 mod few;
+mod pace;
 mod packing;
 mod parcel;
 mod paths;

@@ -25,9 +25,10 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 use super::ascent::{Ascent, Entry, Panels, bytes};
 use super::cholesky::Cholesky;
 use super::error::SparseError;
+use super::pace::Pace;
 use super::selected::eliminate_derivative;
 use super::system::SystemMatrix;
-use super::team::{Pace, Team};
+use super::team::Team;
 
 /// A factor, and `P` and `Q` of all supernodes; see the module.
 pub struct Paths {

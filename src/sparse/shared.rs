@@ -8,8 +8,9 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::abroad::Offer;
 use super::error::SparseError;
+use super::pace::{Pace, StopsOthers};
 use super::parcel::{Answer, Parcel};
-use super::team::{Pace, StopsOthers, Team, Told, all_or_why_not, pause, watched};
+use super::team::{Team, Told, all_or_why_not, pause, watched};
 
 /// How branches become parcels, and answers results.
 pub(super) struct Post<'p, T, R> {

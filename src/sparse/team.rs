@@ -6,21 +6,18 @@
 
 use std::fmt;
 use std::num::NonZero;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use super::abroad::Abroad;
 use super::error::SparseError;
+use super::pace::Pace;
 
 /// How often a team that works is told from outside whether to go on.
 const LOOK: Duration = Duration::from_millis(20);
-/// What takes fewer multiply-adds is done almost before a thread has been started.
-const SMALL: f64 = 1e7;
 /// A team of more threads than this is no small one.
 const SMALL_TEAM: usize = 4;
-/// Work between two questions whether to go on, in multiply-adds.
-const BREATH: u64 = 100_000_000;
 
 /// Who has threads to lend.
 pub trait Lender: Send + Sync {
@@ -265,70 +262,10 @@ fn joined<R>(thread: std::thread::ScopedJoinHandle<'_, R>) -> R {
     thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
-/// How far a walk is, in proportion to the work, and whether it goes on. Shared by those who walk.
-pub(super) struct Pace {
-    whole: f64,
-    /// Multiply-adds.
-    done: AtomicU64,
-    /// How much was done when it was last asked.
-    told: AtomicU64,
-    stopped: AtomicBool,
-}
-
-impl Pace {
-    pub fn of(whole: f64) -> Self {
-        Self { whole, done: AtomicU64::new(0), told: AtomicU64::new(0), stopped: AtomicBool::new(false) }
-    }
-
-    /// Whether it is done almost before a thread has been started.
-    pub fn is_short(&self) -> bool {
-        self.whole < SMALL
-    }
-
-    /// So much more is done.
-    pub fn step(&self, work: f64) -> Result<(), SparseError> {
-        self.done.fetch_add(work as u64, Ordering::Relaxed);
-        self.goes_on()
-    }
-
-    /// Tells how far it is, and asks.
-    pub fn ask(&self, go_on: &dyn Fn(f64) -> bool) -> Result<(), SparseError> {
-        let done = self.done.load(Ordering::Relaxed);
-        self.told.store(done, Ordering::Relaxed);
-        if !go_on(done as f64 / self.whole.max(1.0)) {
-            self.stop();
-        }
-        self.goes_on()
-    }
-
-    pub fn stop(&self) {
-        self.stopped.store(true, Ordering::Relaxed);
-    }
-
-    /// Asks where enough was done since it last did.
-    pub fn ask_at_times(&self, go_on: &dyn Fn(f64) -> bool) -> Result<(), SparseError> {
-        let since = self.done.load(Ordering::Relaxed) - self.told.load(Ordering::Relaxed);
-        if since < BREATH { self.goes_on() } else { self.ask(go_on) }
-    }
-
-    pub fn goes_on(&self) -> Result<(), SparseError> {
-        if self.stopped.load(Ordering::Relaxed) { Err(SparseError::Stopped) } else { Ok(()) }
-    }
-}
-
-/// Whoever panics leaves nobody waiting for it.
-pub(super) struct StopsOthers<'p>(pub &'p Pace);
-
-impl Drop for StopsOthers<'_> {
-    fn drop(&mut self) {
-        if std::thread::panicking() {
-            self.0.stop();
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicU64;
+
     use super::*;
 
     fn threads(count: usize) -> Team {
@@ -378,7 +315,7 @@ mod tests {
                 if k == 2 { Err(SparseError::NotPositiveDefinite) } else { pace.step(1.0) }
             });
             assert_eq!(outcome, Err(SparseError::NotPositiveDefinite));
-            assert!(pace.done.load(Ordering::Relaxed) < 20);
+            assert!(pace.work_done() < 20);
         }
     }
 

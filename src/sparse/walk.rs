@@ -11,10 +11,11 @@ use faer::Mat;
 
 use super::division::Division;
 use super::error::SparseError;
+use super::pace::Pace;
 use super::packing::Matter;
 use super::parcel::{Answer, Parcel, columns, triangle};
 use super::shared::Post;
-use super::team::{Pace, Team};
+use super::team::Team;
 use super::tree::Tree;
 
 /// A tree, and how it is divided among those who walk it.

@@ -10,11 +10,11 @@ use axum::response::{IntoResponse, Response};
 use sha2::{Digest, Sha256};
 
 use super::dry_run::DryRun;
-use super::kept::{most_unpacked, unpack, unpacked_bytes};
 use super::record::JobBody;
 use super::schema::JoinRequestBody;
 use super::submit::{Submitted, accept, idempotency_key, new_job, within_memory};
 use crate::http::shared::compute::{Leash, Queue};
+use crate::http::shared::kept::{most_unpacked, unpack};
 use crate::http::shared::negotiate::JSON;
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
@@ -93,7 +93,8 @@ async fn stored_requests(state: &AppState, caller: &Caller, join: &JoinBody) -> 
                 format!("the job {} and its request are gone, and with it the scans of the map", record.job_id);
             Problem::new(StatusCode::CONFLICT, "request-gone", "The map's request is gone", detail)
         })?;
-        bytes = bytes.saturating_add(unpacked_bytes(&own, most));
+        let (own, more) = state.measured(own, most).await?;
+        bytes = bytes.saturating_add(more);
         packed.push(own);
         if bytes > most {
             let detail =

@@ -7,7 +7,6 @@ pub mod document;
 pub mod dry_run;
 pub mod events;
 pub mod join;
-mod kept;
 pub mod record;
 pub mod recording;
 pub mod schema;

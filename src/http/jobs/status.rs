@@ -7,10 +7,10 @@ use axum::extract::{Path, State};
 use axum::http::{StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 
-use super::kept::unpack;
 use super::record::JobBody;
 use super::schema::AcceptedRequestBody;
 use crate::http::shared::compute::Queue;
+use crate::http::shared::kept::unpack;
 use crate::http::shared::page::Page;
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};

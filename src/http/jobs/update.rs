@@ -11,11 +11,11 @@ use axum::response::{IntoResponse, Response};
 use sha2::{Digest, Sha256};
 
 use super::dry_run::DryRun;
-use super::kept::{most_unpacked, unpack, unpacked_bytes};
 use super::record::JobBody;
 use super::schema::UpdateRequestBody;
 use super::submit::{Submitted, accept, idempotency_key, new_job, within_memory};
 use crate::http::shared::compute::{Leash, Queue};
+use crate::http::shared::kept::{most_unpacked, unpack};
 use crate::http::shared::negotiate::JSON;
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
@@ -60,7 +60,7 @@ pub async fn update_map(
     let key = idempotency_key(&headers)?;
     let (limits, quota, budget) = (state.workshop.limits, state.limits.quota, state.workshop.rules.memory);
     let most = most_unpacked(budget);
-    let bytes = unpacked_bytes(&packed, most);
+    let (packed, bytes) = state.measured(packed, most).await?;
     if bytes > most {
         let detail =
             format!("what the map was formed from is more than {most} bytes, which is what is updated at once");

@@ -7,6 +7,7 @@ use utoipa::ToSchema;
 use super::request::{MapRequest, Settled};
 use crate::geometry::Pose;
 use crate::http::shared::compute::Queue;
+use crate::http::shared::kept::unpack;
 use crate::http::shared::negotiate::JSON;
 use crate::http::shared::problem::{Problem, Refused, to_json};
 use crate::jobs::Stored;
@@ -48,7 +49,7 @@ pub async fn get_map_frames(request: MapRequest) -> Result<Response, Problem> {
     let tell = move |_: &_| {
         let mut frames = Vec::new();
         if !map.frames.is_empty() {
-            let stored = zstd::decode_all(&packed[..]).map_err(|error| Problem::internal(&error))?;
+            let stored = unpack(&packed)?;
             let request = Stored::read(&stored).and_then(|stored| stored.request(&limits));
             let request = request.map_err(|error| Problem::internal(&error))?;
             for (map_id, pose, covariance) in request.joined.iter().flat_map(|joined| joined.frames(&map)) {

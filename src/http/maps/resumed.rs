@@ -10,6 +10,7 @@ use axum::http::StatusCode;
 
 use crate::fit::Estimate;
 use crate::http::shared::compute::{Leash, Queue};
+use crate::http::shared::kept::unpack;
 use crate::http::shared::problem::Problem;
 use crate::http::shared::{AppState, Caller};
 use crate::jobs::{MapRecord, Stored};
@@ -79,7 +80,7 @@ impl Ended {
         leash: &Leash,
         form: impl FnOnce(Estimate) -> Result<T, Problem>,
     ) -> Result<T, Problem> {
-        let stored = zstd::decode_all(&self.packed[..]).map_err(|error| Problem::internal(&error))?;
+        let stored = unpack(&self.packed)?;
         let request = Stored::read(&stored).and_then(|stored| stored.request(&workshop.limits));
         let request = request.map_err(|error| Problem::internal(&error))?;
         drop(stored);

@@ -1,7 +1,7 @@
 //! Small JSON bodies: an object of a few members, of which every fault is named.
 //!
-//! serde ends at the first fault and does not say where it is. The members are told once more, beside the type that serde
-//! reads, and each is read by itself: what is unknown, missing or wrong has its pointer.
+//! serde ends at the first fault and does not say where it is. The members are told once more, beside the type that
+//! serde reads, and each is read by itself: what is unknown, missing or wrong has its pointer.
 
 use axum::body::Body;
 use axum::http::{HeaderMap, StatusCode};
@@ -12,6 +12,9 @@ use super::negotiate::JSON;
 use super::problem::Problem;
 use super::state::Service;
 use crate::jobs::Fault;
+
+/// Unknown members that are listed.
+const MOST_FAULTS: usize = 100;
 
 /// A member: its name, whether it has to be there, and how it is read.
 pub type Member = (&'static str, bool, fn(&Value) -> serde_json::Result<()>);
@@ -45,11 +48,11 @@ fn read<T: Members>(bytes: &[u8]) -> Result<T, Problem> {
         return Err(Problem::invalid(faults));
     }
     // From the text: a member that is there twice is a fault, too.
-    serde_json::from_slice(bytes).map_err(|error| Problem::invalid(vec![fault("", error)]))
+    serde_json::from_slice(bytes).map_err(|error| Problem::invalid(vec![of_the_whole(error)]))
 }
 
 fn faults(value: &Value, members: &[Member]) -> Vec<Fault> {
-    let Value::Object(object) = value else { return vec![fault("", "must be an object")] };
+    let Value::Object(object) = value else { return vec![of_the_whole("must be an object")] };
     let names: Vec<&str> = members.iter().map(|(name, ..)| *name).collect();
     let unknown = object.keys().filter(|key| !names.contains(&key.as_str()));
     let mut faults: Vec<Fault> = unknown
@@ -67,10 +70,10 @@ fn faults(value: &Value, members: &[Member]) -> Vec<Fault> {
     faults
 }
 
-/// Unknown members that are listed.
-const MOST_FAULTS: usize = 100;
-
 fn fault(member: &str, detail: impl ToString) -> Fault {
-    let pointer = if member.is_empty() { String::new() } else { format!("/{member}") };
-    Fault { pointer, detail: detail.to_string() }
+    Fault { pointer: format!("/{member}"), detail: detail.to_string() }
+}
+
+fn of_the_whole(detail: impl ToString) -> Fault {
+    Fault { pointer: String::new(), detail: detail.to_string() }
 }

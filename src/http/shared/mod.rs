@@ -4,6 +4,7 @@ pub mod body;
 pub mod cache;
 pub mod caller;
 pub mod compute;
+pub mod kept;
 pub mod keyed;
 pub mod members;
 pub mod multipart;

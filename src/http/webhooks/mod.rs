@@ -60,16 +60,12 @@ pub async fn add_webhook(
 #[utoipa::path(get, operation_id = "list_webhooks", path = "/v1/webhooks", tag = "webhooks", security(("key" = ["read"])),
     params(("limit" = Option<u32>, Query, minimum = 1, maximum = 1000), ("cursor" = Option<String>, Query)),
     responses((status = 200, description = "a page of webhooks", body = Page<WebhookBody>), Refused))]
-pub async fn list_webhooks(
-    State(state): State<AppState>,
-    caller: Caller,
-    uri: Uri,
-) -> Result<Json<Page<WebhookBody>>, Problem> {
+pub async fn list_webhooks(State(state): State<AppState>, caller: Caller, uri: Uri) -> Result<Response, Problem> {
     let mut params = Params::of(&uri);
     let (limit, before) = params.page();
     params.finish()?;
     let hooks = state.workshop.records.webhooks(&caller.tenant, before.as_deref(), limit + 1).await?;
-    Ok(Json(Page::of(hooks, limit, |hook: &Webhook| &hook.id)))
+    state.page(Page::<WebhookBody>::of(hooks, limit, |hook: &Webhook| &hook.id)).await
 }
 
 /// A webhook.
@@ -113,13 +109,13 @@ pub async fn list_deliveries(
     caller: Caller,
     Path(id): Path<String>,
     uri: Uri,
-) -> Result<Json<Page<DeliveryBody>>, Problem> {
+) -> Result<Response, Problem> {
     let mut params = Params::of(&uri);
     let (limit, before) = params.numbered_page();
     params.finish()?;
     named(&state, &caller, &id).await?;
     let deliveries = state.workshop.records.deliveries(&id, before, limit + 1).await?;
-    Ok(Json(Page::numbered(deliveries, limit, |delivery: &Delivery| delivery.serial)))
+    state.page(Page::<DeliveryBody>::numbered(deliveries, limit, |delivery: &Delivery| delivery.serial)).await
 }
 
 async fn named(state: &AppState, caller: &Caller, id: &str) -> Result<Webhook, Problem> {
