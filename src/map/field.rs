@@ -147,9 +147,18 @@ impl Field {
         Some(VectorAt { vector, jacobian, direction })
     }
 
+    /// The coefficients of a cell: of a vector field, its first component's.
+    pub(super) fn gather(&self, cell: [usize; 2]) -> [f64; SUPPORT] {
+        self.surfaces[0].gather(cell)
+    }
+
     /// The field's own value: the distance, negative in free space where it is signed, or the vector's length.
     pub fn value(&self, p: Vec2) -> Option<f64> {
-        self.slope(p).map(|(value, _)| value)
+        let at = self.locate(p)?;
+        Some(match self.surfaces.as_slice() {
+            [x, y] => Vec2::new(x.value_at(&at), y.value_at(&at)).norm(),
+            _ => self.surfaces[0].value_at(&at),
+        })
     }
 
     /// The field's own value and its gradient.
@@ -168,7 +177,7 @@ impl Field {
     /// where a surface is, and nothing of how far the nearest one is.
     pub fn across(&self, p: Vec2, kind: Kind) -> Option<(f64, f64)> {
         let at = self.locate(p)?;
-        let (row, first) = (self.lattice().row(&at).value, self.lattice().support(at.cell)[0]);
+        let (row, first) = (self.lattice().value_row(&at), self.lattice().support(at.cell)[0]);
         let [xx, xy, yy] = self.covariance(kind).forms(first, &row);
         Some(match self.vector_at(&at) {
             None => (dot(&row, &self.surfaces[0].gather(at.cell)), xx.sqrt()),
@@ -185,7 +194,7 @@ impl Field {
     pub fn vector_covariance(&self, p: Vec2, kind: Kind) -> Option<[f64; 3]> {
         let at = self.locate(p).filter(|_| self.distance() == Distance::Vector)?;
         let first = self.lattice().support(at.cell)[0];
-        Some(self.covariance(kind).forms(first, &self.lattice().row(&at).value))
+        Some(self.covariance(kind).forms(first, &self.lattice().value_row(&at)))
     }
 
     /// What a query needs of a signed distance at a located point.

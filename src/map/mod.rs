@@ -12,6 +12,7 @@ pub mod npz;
 mod query;
 mod surfaces;
 mod survey;
+mod sweep;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -27,6 +28,7 @@ pub(crate) use surfaces::lines::zero_lines;
 pub(crate) use surfaces::samples::Samples;
 pub use surfaces::{Facet, Foot, Surfaces};
 pub use survey::{Stage, Step, Survey, SurveyError};
+pub(crate) use sweep::Sweep;
 
 use self::clearance::Clearance;
 use crate::fit::{Distance, Estimate, Weighting, Weights};

@@ -83,6 +83,14 @@ impl FittedMap {
         }
     }
 
+    /// The distance alone, likewise.
+    pub fn distance_alone(&self, p: Vec2) -> Option<f64> {
+        match self.field.distance() {
+            Distance::Signed => self.field.value(p),
+            Distance::Vector => self.distance_and_gradient(p).map(|(distance, _)| distance),
+        }
+    }
+
     /// Distance and its gradient, likewise.
     pub fn distance_and_gradient(&self, p: Vec2) -> Option<(f64, Vec2)> {
         match self.field.distance() {

@@ -56,7 +56,7 @@ impl Figure {
     }
 
     /// Fills the plot with one colour a pixel (straight RGBA).
-    pub fn raster(&mut self, color: impl Fn(Vec2) -> [u8; 4]) -> Result<(), RenderError> {
+    pub fn raster(&mut self, mut color: impl FnMut(Vec2) -> [u8; 4]) -> Result<(), RenderError> {
         let Axes { width, height, .. } = self.axes;
         let mut pixels = Vec::with_capacity(width * height * 4);
         for row in 0..height {

@@ -10,11 +10,11 @@ use super::legend::Sample;
 use super::occupancy::OccupancyGrid;
 use super::overlay::{draw_contours, draw_jumps, draw_poses, draw_returns};
 use super::text::number;
-use super::theme::{Theme, css, mixed};
+use super::theme::{Ramp, Theme, css, mixed};
 use super::{ALWAYS, RenderError, Wanted, asked_seldom, still};
 use crate::fit::Distance;
 use crate::geometry::Vec2;
-use crate::map::FittedMap;
+use crate::map::{FittedMap, Sweep};
 use crate::uncertainty::Kind;
 
 /// What the colours show.
@@ -142,15 +142,18 @@ const WASHED: f64 = 0.65;
 fn distance_layer(map: &FittedMap, page: &Page, wanted: Wanted) -> Result<Figure, RenderError> {
     let mut figure = page.figure(map, true);
     let (theme, signed) = (page.theme, map.field.distance() == Distance::Signed);
-    let seen = seen_sample(map, figure.axes, wanted, |p| map.distance_and_gradient(p).map(|(u, _)| u))?;
+    let mut sweep = Sweep::over(map, page.kind);
+    let sample = |p| sweep.distance(p).filter(|(_, seen)| *seen).map(|(u, _)| u);
+    let seen = seen_sample(figure.axes, wanted, sample)?;
     let scale = if signed { ColorScale::symmetric(&seen, 0.1) } else { ColorScale::of(&seen, 0.1) };
-    let color = |u: f64| if signed { theme.signed(scale.share(u)) } else { theme.distance(scale.share(u)) };
-    let washed = |u: f64| mixed(color(u), theme.unseen(), WASHED);
+    let ramp = Ramp::of(|share| if signed { theme.signed(share) } else { theme.distance(share) });
+    let beyond = Ramp::of(|share| mixed(ramp.at(share), theme.unseen(), WASHED));
+    let color = |u: f64| ramp.at(scale.share(u));
+    let washed = |u: f64| beyond.at(scale.share(u));
     let ramp = [scale.low, 0.5 * (scale.low + scale.high), scale.high].map(washed);
     let sample = [theme.unseen(), ramp[0], ramp[1], ramp[2]].map(css).into();
     fill(&mut figure, (theme.unseen(), sample), wanted, |p| {
-        let (u, _) = map.distance_and_gradient(p)?;
-        let seen = map.evidence.at(map.lattice(), p).any();
+        let (u, seen) = sweep.distance(p)?;
         Some(if seen { Shown::Seen(color(u)) } else { Shown::Beyond(washed(u)) })
     })?;
     figure.color_bar(&scale, "distance (m)", color);
@@ -162,15 +165,15 @@ fn sigma_layer(map: &FittedMap, page: &Page, wanted: Wanted) -> Result<Figure, R
     // Near surfaces sigma is least, and its ramp dark.
     figure.haloed = true;
     let theme = page.theme;
-    let at = |p: Vec2| map.distance(p, page.kind).map(|(_, sigma)| sigma);
-    let scale = ColorScale::of(&seen_sample(map, figure.axes, wanted, at)?, 1e-6);
+    let mut sweep = Sweep::over(map, page.kind);
+    let scale = ColorScale::of(&seen_sample(figure.axes, wanted, |p| sweep.seen_sigma(p))?, 1e-6);
+    let ramp = Ramp::of(|share| theme.sigma(share));
     fill(&mut figure, (theme.unseen(), vec![css(theme.unseen())]), wanted, |p| {
-        let sigma = at(p).filter(|_| map.evidence.at(map.lattice(), p).any())?;
-        Some(Shown::Seen(theme.sigma(scale.share(sigma))))
+        sweep.seen_sigma(p).map(|sigma| Shown::Seen(ramp.at(scale.share(sigma))))
     })?;
     // Millimetres where metres would be all zeros.
     let (unit, label) = if scale.high < 0.1 { (1e3, "sigma (mm)") } else { (1.0, "sigma (m)") };
-    figure.color_bar(&scale.times(unit), label, |value| theme.sigma(scale.share(value / unit)));
+    figure.color_bar(&scale.times(unit), label, |value| ramp.at(scale.share(value / unit)));
     Ok(figure)
 }
 
@@ -206,7 +209,7 @@ fn fill(
     figure: &mut Figure,
     (unseen, sample): ([u8; 3], Vec<String>),
     wanted: Wanted,
-    shown: impl Fn(Vec2) -> Option<Shown>,
+    mut shown: impl FnMut(Vec2) -> Option<Shown>,
 ) -> Result<(), RenderError> {
     let (any_unseen, goes_on) = (Cell::new(false), asked_seldom(wanted));
     figure.raster(|p| {
@@ -226,19 +229,13 @@ fn fill(
     Ok(())
 }
 
-/// A layer's values where there is evidence, on every fourth pixel, ascending: what a colour scale is chosen from.
-fn seen_sample(
-    map: &FittedMap,
-    axes: Axes,
-    wanted: Wanted,
-    value: impl Fn(Vec2) -> Option<f64>,
-) -> Result<Vec<f64>, RenderError> {
+/// What a layer has to show, on every fourth pixel, ascending: what a colour scale is chosen from.
+fn seen_sample(axes: Axes, wanted: Wanted, value: impl FnMut(Vec2) -> Option<f64>) -> Result<Vec<f64>, RenderError> {
     let (rows, columns) = (axes.height.div_ceil(4), axes.width.div_ceil(4));
     let goes_on = asked_seldom(wanted);
     let mut seen: Vec<f64> = (0..rows * columns)
         .map(|k| axes.point(4 * (k % columns), 4 * (k / columns)))
         .take_while(|_| goes_on())
-        .filter(|&p| map.evidence.at(map.lattice(), p).any())
         .filter_map(value)
         .collect();
     still(wanted)?;

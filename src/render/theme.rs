@@ -123,6 +123,23 @@ pub(crate) fn shade(gradient: Gradient, t: f64) -> [u8; 3] {
     gradient.eval_continuous(if t.is_finite() { t.clamp(0.0, 1.0) } else { 0.0 }).as_array()
 }
 
+/// A ramp that many points ask: finer than a colour's eight bits can tell.
+pub(super) struct Ramp(Vec<[u8; 3]>);
+
+impl Ramp {
+    const STEPS: usize = 1024;
+
+    pub(super) fn of(color: impl Fn(f64) -> [u8; 3]) -> Self {
+        Self((0..=Self::STEPS).map(|k| color(k as f64 / Self::STEPS as f64)).collect())
+    }
+
+    /// The colour at a share, or at the nearest end.
+    pub(super) fn at(&self, share: f64) -> [u8; 3] {
+        // What is no number is at the beginning, as a cast has it.
+        self.0[((share * Self::STEPS as f64 + 0.5) as usize).min(Self::STEPS)]
+    }
+}
+
 /// A ramp's colour there, linear between its stops.
 fn between(stops: &[[u8; 3]], t: f64) -> [u8; 3] {
     let last = stops.len() - 1;
@@ -149,6 +166,19 @@ mod tests {
         assert_eq!((between(&BERLIN, 0.0), between(&BERLIN, 1.0)), (BERLIN[0], BERLIN[9]));
         assert_eq!(between(&BERLIN, f64::NAN), BERLIN[0]);
         assert_eq!((Theme::Light.occupancy(1.0), Theme::Dark.occupancy(0.0)), ([0; 3], [0; 3]));
+    }
+
+    #[test]
+    fn a_ramp_has_the_colours_that_it_was_made_of() {
+        let ramp = Ramp::of(|share| Theme::Light.sigma(share));
+        for k in 0..=10_000 {
+            let share = f64::from(k) / 10_000.0;
+            let off = ramp.at(share).iter().zip(Theme::Light.sigma(share)).map(|(a, b)| a.abs_diff(b)).max();
+            assert!(off <= Some(1), "{off:?} at {share}");
+        }
+        let ends = [f64::NEG_INFINITY, -0.1, f64::NAN, 1.1, f64::INFINITY].map(|share| ramp.at(share));
+        let [first, last] = [0.0, 1.0].map(|share| Theme::Light.sigma(share));
+        assert_eq!(ends, [first, first, first, last, last]);
     }
 
     #[test]

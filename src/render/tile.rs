@@ -10,7 +10,7 @@ use super::theme::shade;
 use super::{RenderError, Wanted, still};
 use crate::fit::Distance;
 use crate::geometry::Vec2;
-use crate::map::FittedMap;
+use crate::map::{FittedMap, Sweep};
 use crate::uncertainty::Kind;
 
 /// Pixels of a side.
@@ -46,13 +46,14 @@ pub struct Tile {
 pub fn tile(map: &FittedMap, tile: &Tile, wanted: Wanted) -> Result<Vec<u8>, RenderError> {
     let side = COARSEST_SIDE / f64::from(1u32 << tile.level.min(FINEST));
     let pixel = side / f64::from(SIDE);
+    let mut sweep = Sweep::over(map, tile.kind);
     let mut pixels = vec![0; 4 * (SIDE * SIDE) as usize];
     for (row, line) in pixels.chunks_exact_mut(4 * SIDE as usize).enumerate() {
         still(wanted)?;
         let y = f64::from(tile.y) * side + (f64::from(SIDE) - row as f64 - 0.5) * pixel;
         for (column, color) in line.chunks_exact_mut(4).enumerate() {
             let p = Vec2::new(f64::from(tile.x) * side + (column as f64 + 0.5) * pixel, y);
-            if let Some([r, g, b]) = color_at(map, tile, p, pixel) {
+            if let Some([r, g, b]) = color_at(map, &mut sweep, tile, (p, pixel)) {
                 color.copy_from_slice(&[r, g, b, 255]);
             }
         }
@@ -60,22 +61,21 @@ pub fn tile(map: &FittedMap, tile: &Tile, wanted: Wanted) -> Result<Vec<u8>, Ren
     rgba_png(SIDE, SIDE, &pixels)
 }
 
-fn color_at(map: &FittedMap, tile: &Tile, p: Vec2, pixel: f64) -> Option<[u8; 3]> {
+fn color_at(map: &FittedMap, sweep: &mut Sweep<'_>, tile: &Tile, (p, pixel): (Vec2, f64)) -> Option<[u8; 3]> {
     if map.observed(p) != Some(true) {
         return None;
     }
+    let mut distance = || sweep.distance(p).map(|(distance, _)| distance);
     let scaled = |value: f64| value / tile.most;
     let pick = |light, dark, t| shade(if tile.dark { dark } else { light }, t);
     match tile.layer {
         TileLayer::Distance if map.field.distance() == Distance::Signed => {
-            let (distance, _) = map.distance(p, tile.kind)?;
-            Some(shade(colorous::RED_BLUE, 0.5 - 0.5 * scaled(distance)))
+            distance().map(|distance| shade(colorous::RED_BLUE, 0.5 - 0.5 * scaled(distance)))
         }
         TileLayer::Distance => {
-            let (distance, _) = map.distance(p, tile.kind)?;
-            Some(pick(colorous::YELLOW_GREEN_BLUE, colorous::INFERNO, scaled(distance)))
+            distance().map(|distance| pick(colorous::YELLOW_GREEN_BLUE, colorous::INFERNO, scaled(distance)))
         }
-        TileLayer::Sigma => map.distance(p, tile.kind).map(|(_, sigma)| shade(colorous::VIRIDIS, scaled(sigma))),
+        TileLayer::Sigma => sweep.seen_sigma(p).map(|sigma| shade(colorous::VIRIDIS, scaled(sigma))),
         TileLayer::Clearance => {
             map.clearance(p).map(|clearance| pick(colorous::YELLOW_GREEN, colorous::CIVIDIS, scaled(clearance)))
         }

@@ -10,7 +10,7 @@ use std::ops::{Range, RangeInclusive};
 
 use super::laser::LaserScan;
 use crate::geometry::{Vec2, distance_to_segment, wrap_angle};
-use crate::spline::Lattice;
+use crate::spline::{Lattice, Located};
 
 /// Marks along a cell's side.
 pub const SUBCELLS: usize = 4;
@@ -91,7 +91,11 @@ impl Evidence {
 
     /// What is known at a point; nothing outside the lattice.
     pub fn at(&self, lattice: &Lattice, p: Vec2) -> Seen {
-        let Some(located) = lattice.locate(p) else { return Seen::default() };
+        lattice.locate(p).map_or_else(Seen::default, |at| self.located(&at))
+    }
+
+    /// What is known at a point already located.
+    pub fn located(&self, located: &Located) -> Seen {
         let along = |axis: usize| {
             let sub = (located.local[axis] * SUBCELLS as f64) as usize;
             located.cell[axis] * SUBCELLS + sub.min(SUBCELLS - 1)

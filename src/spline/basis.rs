@@ -52,7 +52,9 @@ impl BasisRow {
     }
 }
 
-fn product(x: &[f64; 4], y: &[f64; 4], scale: f64) -> [f64; SUPPORT] {
+/// What a row is of its two axes' functions.
+#[inline]
+pub(super) fn product(x: &[f64; 4], y: &[f64; 4], scale: f64) -> [f64; SUPPORT] {
     std::array::from_fn(|k| scale * x[k % 4] * y[k / 4])
 }
 

@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::basis::{BasisRow, SUPPORT};
+use super::basis::{BasisRow, SUPPORT, cubic, product};
 use crate::geometry::{Bounds, Vec2};
 
 /// A uniform lattice; see the module for its layout.
@@ -142,6 +142,11 @@ impl Lattice {
     /// The basis row at a located point.
     pub fn row(&self, at: &Located) -> BasisRow {
         BasisRow::at(at.local[0], at.local[1], self.resolution)
+    }
+
+    /// The row of the value alone.
+    pub fn value_row(&self, at: &Located) -> [f64; SUPPORT] {
+        product(&cubic(at.local[0], 0), &cubic(at.local[1], 0), 1.0)
     }
 }
 

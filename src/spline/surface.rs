@@ -40,8 +40,12 @@ impl Surface {
 
     /// The surface's value, or `None` outside the lattice.
     pub fn value(&self, p: Vec2) -> Option<f64> {
-        let at = self.lattice.locate(p)?;
-        Some(dot(&self.lattice.row(&at).value, &self.gather(at.cell)))
+        self.lattice.locate(p).map(|at| self.value_at(&at))
+    }
+
+    /// The value alone, at a point already located.
+    pub fn value_at(&self, at: &Located) -> f64 {
+        dot(&self.lattice.value_row(at), &self.gather(at.cell))
     }
 
     /// Value, gradient and second derivatives, or `None` outside the lattice.
@@ -89,6 +93,7 @@ mod tests {
             // Second derivatives have a kink at a knot, so a difference across one says nothing.
             let knots = 2.0 * e / surface.lattice.resolution;
             prop_assume!(at_point.local.iter().all(|t| (knots..1.0 - knots).contains(t)));
+            prop_assert_eq!(surface.value_at(&at_point), jet.value);
             let at = |dx: f64, dy: f64| surface.jet(Vec2::new(x + dx, y + dy)).unwrap();
             let gx = (at(e, 0.0).value - at(-e, 0.0).value) / (2.0 * e);
             let gy = (at(0.0, e).value - at(0.0, -e).value) / (2.0 * e);

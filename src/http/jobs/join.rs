@@ -13,7 +13,7 @@ use super::dry_run::DryRun;
 use super::record::JobBody;
 use super::schema::JoinRequestBody;
 use super::submit::{Submitted, accept, idempotency_key, new_job, within_memory};
-use crate::http::shared::compute::{Leash, Queue};
+use crate::http::shared::compute::{Leash, Queue, Turn};
 use crate::http::shared::kept::{most_unpacked, unpack};
 use crate::http::shared::negotiate::JSON;
 use crate::http::shared::params::Params;
@@ -58,27 +58,38 @@ pub async fn join_maps(
         let join = join_body(&json, &limits)?;
         Ok((json, join))
     };
-    let (json, join) = state.compute.run(Queue::Requests, read).await?;
-    let packed = stored_requests(&state, &caller, &join).await?;
+    let turn = state.compute.turn(Queue::Requests).await?;
+    let (json, join) = turn.run(read).await?;
+    let (packed, bytes) = stored_requests(&state, &turn, &caller, &join).await?;
+    let held = state.may_unpack(&turn, bytes).await?;
     if dry_run {
         let try_out = move |leash: &Leash| {
+            let _held = held;
             let (request, _) = whole(join, &packed, &json, &limits)?;
             DryRun::of(&request, &|| leash.holds()).ok_or_else(Problem::too_slow)
         };
-        return Ok(Json(state.compute.run(Queue::Requests, try_out).await?).into_response());
+        return Ok(Json(turn.run(try_out).await?).into_response());
     }
     let prepare = move |leash: &Leash| {
+        let _held = held;
         let (request, stored) = whole(join, &packed, &json, &limits)?;
         within_memory(&request, budget, ("/map/resolution", "a coarser resolution or fewer maps need less"), leash)?;
         let digest = hex::encode(Sha256::digest(&json));
         new_job(request, &stored, key.map(|key| (key, digest)))
     };
-    let new = state.compute.run(Queue::Requests, prepare).await?;
+    let new = turn.run(prepare).await?;
+    drop(turn);
     accept(&state, NewJob { tenant: caller.tenant.to_string(), quota: Some(quota), ..new }).await
 }
 
-/// What is kept of the maps' requests, packed, in the join's order. Maps that are not there are faults of the body.
-async fn stored_requests(state: &AppState, caller: &Caller, join: &JoinBody) -> Result<Vec<Vec<u8>>, Problem> {
+/// What is kept of the maps' requests, packed, in the join's order, and its bytes once it is unpacked. Maps that are not
+/// there are faults of the body.
+async fn stored_requests(
+    state: &AppState,
+    turn: &Turn,
+    caller: &Caller,
+    join: &JoinBody,
+) -> Result<(Vec<Vec<u8>>, u64), Problem> {
     let (mut packed, mut faults, mut bytes) = (Vec::new(), Vec::new(), 0_u64);
     let most = most_unpacked(state.workshop.rules.memory);
     for (k, member) in join.members.iter().enumerate() {
@@ -93,7 +104,7 @@ async fn stored_requests(state: &AppState, caller: &Caller, join: &JoinBody) -> 
                 format!("the job {} and its request are gone, and with it the scans of the map", record.job_id);
             Problem::new(StatusCode::CONFLICT, "request-gone", "The map's request is gone", detail)
         })?;
-        let (own, more) = state.measured(own, most).await?;
+        let (own, more) = turn.measured(own, most).await?;
         bytes = bytes.saturating_add(more);
         packed.push(own);
         if bytes > most {
@@ -102,7 +113,7 @@ async fn stored_requests(state: &AppState, caller: &Caller, join: &JoinBody) -> 
             return Err(Problem::invalid(vec![Fault { pointer: "/maps".into(), detail }]));
         }
     }
-    if faults.is_empty() { Ok(packed) } else { Err(Problem::invalid(faults)) }
+    if faults.is_empty() { Ok((packed, bytes)) } else { Err(Problem::invalid(faults)) }
 }
 
 /// The request of all scans, and what to keep of it.

@@ -85,14 +85,19 @@ pub async fn get_job_request(
     uri: Uri,
 ) -> Result<Response, Problem> {
     Params::of(&uri).finish()?;
+    let _ = state.job(&caller, &id).await?;
+    let turn = state.compute.turn(Queue::Requests).await?;
     let compressed = state.workshop.records.request(&caller.tenant, &id).await?;
     let compressed = compressed.ok_or_else(|| Problem::not_found(format!("there is no job {id}")))?;
+    let (compressed, bytes) = turn.measured(compressed, u64::MAX).await?;
+    let held = state.may_unpack(&turn, bytes).await?;
     let unpack = move |_: &_| {
+        let _held = held;
         let stored = unpack(&compressed)?;
         let stored = Stored::read(&stored).map_err(|error| Problem::internal(&error))?;
         Ok(stored.body().to_vec())
     };
-    let json = state.compute.run(Queue::Requests, unpack).await?;
+    let json = turn.run(unpack).await?;
     let body = state.answers.take(json.len())?.body(json);
     Ok(([(header::CONTENT_TYPE, "application/json")], body).into_response())
 }

@@ -23,9 +23,6 @@ use crate::http::shared::{AppState, Caller};
 use crate::jobs::{Fault, JobRequest, Limits, Lineage, MapRecord, Stored};
 use crate::store::NewJob;
 
-/// A parent's stored request larger than this, packed, is read where large bodies are.
-const LARGE: u64 = 1 << 20;
-
 /// Update a map with new scans.
 ///
 /// A job whose map has `parent` this one, and knows what a fit of all scans together would know; this map stays as it is.
@@ -55,40 +52,44 @@ pub async fn update_map(
     let mut params = Params::of(&uri);
     let dry_run = params.choice("dry_run", &[("false", false), ("true", true)]);
     let ((), body) = state.before(params.finish(), body)?;
-    let ((record, packed), body) = state.before(parent(&state, &caller, &id).await, body)?;
+    let (record, body) = state.before(state.map_record(&caller, &id).await, body)?;
     let received = state.read_body(&headers, body, &[JSON.media]).await?;
     let key = idempotency_key(&headers)?;
     let (limits, quota, budget) = (state.workshop.limits, state.limits.quota, state.workshop.rules.memory);
     let most = most_unpacked(budget);
-    let (packed, bytes) = state.measured(packed, most).await?;
+    let turn = state.compute.turn(Queue::Requests).await?;
+    let (packed, bytes) = turn.measured(parent(&state, &caller, &record).await?, most).await?;
     if bytes > most {
         let detail =
             format!("what the map was formed from is more than {most} bytes, which is what is updated at once");
         return Err(Problem::invalid(vec![Fault { pointer: "/scans".into(), detail }]));
     }
-    let queue = if bytes > LARGE { Queue::Requests } else { received.queue() };
+    let held = state.may_unpack(&turn, bytes).await?;
     let update = Update { lineage: Lineage { parent: Some(record.id), version: record.version + 1 }, packed };
     if dry_run {
         let try_out = move |leash: &Leash| {
+            let _held = held;
             let (request, _) = update.stored(&received.unpack()?, &limits)?;
             DryRun::of(&request, &|| leash.holds()).ok_or_else(Problem::too_slow)
         };
-        return Ok(Json(state.compute.run(queue, try_out).await?).into_response());
+        return Ok(Json(turn.run(try_out).await?).into_response());
     }
-    let prepare = move |leash: &Leash| update.job(&received.unpack()?, key, &limits, (budget, leash));
-    let new = state.compute.run(queue, prepare).await?;
+    let prepare = move |leash: &Leash| {
+        let _held = held;
+        update.job(&received.unpack()?, key, &limits, (budget, leash))
+    };
+    let new = turn.run(prepare).await?;
+    drop(turn);
     accept(&state, NewJob { tenant: caller.tenant.to_string(), quota: Some(quota), ..new }).await
 }
 
-/// A map and what is kept of its job's request, packed.
-async fn parent(state: &AppState, caller: &Caller, id: &str) -> Result<(MapRecord, Vec<u8>), Problem> {
-    let record = state.map_record(caller, id).await?;
+/// What is kept of the request of a map's job, packed.
+async fn parent(state: &AppState, caller: &Caller, record: &MapRecord) -> Result<Vec<u8>, Problem> {
     let packed = state.workshop.records.request(&caller.tenant, &record.job_id).await?;
-    let packed = packed.ok_or_else(|| {
+    packed.ok_or_else(|| {
         let detail = format!("the job {} and its request are gone, and with it the scans of the map", record.job_id);
         Problem::new(StatusCode::CONFLICT, "request-gone", "The map's request is gone", detail)
-    })?;
-    Ok((record, packed))
+    })
 }
 
 /// An update whose own body is still to come.

@@ -41,7 +41,8 @@ pub async fn get_map_changes(mut request: MapRequest) -> Result<Response, Proble
     };
     // Without one, settling has refused.
     let since = since.ok_or_else(|| Problem::not_found("there is no such map"))?;
-    let (new, old) = (wanted.state.load(&wanted.record).await?, wanted.state.load(&since).await?);
+    let (turn, new) = wanted.state.turn_with(Queue::Answers, &wanted.record).await?;
+    let old = wanted.state.load(&turn, &since).await?;
     let (record, format) = (wanted.record.clone(), wanted.format);
     let make = move |leash: &Leash| {
         let found = changes(&new, &old, probability).map_err(RenderError::from)?;
@@ -53,7 +54,7 @@ pub async fn get_map_changes(mut request: MapRequest) -> Result<Response, Proble
             _ => to_json(&changes_geojson(&found, FRAME)),
         }
     };
-    let body = wanted.state.compute.run(Queue::Answers, make).await?;
+    let body = turn.run(make).await?;
     wanted.respond(body)
 }
 

@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 use super::arrays::OnLattice;
 use super::record::LatticeBody;
 use super::request::{KINDS, MapRequest, Settled};
-use super::resumed::{from_factors, joint};
+use super::resumed::{from_factors, turn_with_joint};
 use crate::http::shared::compute::{Leash, Queue};
 use crate::http::shared::negotiate::{Binary, Format, JSON, NPZ};
 use crate::http::shared::params::Params;
@@ -130,15 +130,14 @@ pub async fn get_map_covariance(mut request: MapRequest) -> Result<Response, Pro
             from_factors(&wanted.state, &wanted.caller, &wanted.record, |factors| Ok(factors_npz(&factors)?)).await?;
         return wanted.respond(body);
     }
-    let joint = joint(&wanted.state, &wanted.caller, &wanted.record).await?;
-    let map = wanted.state.load(&wanted.record).await?;
+    let (turn, map, joint) = turn_with_joint(&wanted.state, &wanted.caller, &wanted.record, Queue::Heavy).await?;
     let workshop = wanted.state.workshop.clone();
     let make = move |leash: &Leash| {
         let need = joint.block_bytes(&points).map_err(|error| Problem::internal(&error))?;
         let _held = workshop.reserve(need as u64, &|| leash.holds()).ok_or_else(Problem::too_slow)?;
         dense(&joint, &map, (kind, leash), &points, window, format)
     };
-    let body = wanted.state.compute.run(Queue::Heavy, make).await?;
+    let body = turn.run(make).await?;
     wanted.respond(body)
 }
 

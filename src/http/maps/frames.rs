@@ -41,12 +41,15 @@ pub async fn get_map_frames(request: MapRequest) -> Result<Response, Problem> {
         Settled::Wanted(wanted) => wanted,
     };
     let (state, record) = (&wanted.state, &wanted.record);
+    let (turn, map) = state.turn_with(Queue::Requests, record).await?;
     let packed = state.workshop.records.request(&wanted.caller.tenant, &record.job_id).await?;
     let packed =
         packed.ok_or_else(|| Problem::not_found("the map's job is gone, and with it what its frames are called"))?;
-    let map = state.load(record).await?;
     let limits = state.workshop.limits;
+    let (packed, bytes) = turn.measured(packed, u64::MAX).await?;
+    let held = state.may_unpack(&turn, bytes).await?;
     let tell = move |_: &_| {
+        let _held = held;
         let mut frames = Vec::new();
         if !map.frames.is_empty() {
             let stored = unpack(&packed)?;
@@ -59,6 +62,6 @@ pub async fn get_map_frames(request: MapRequest) -> Result<Response, Problem> {
         }
         to_json(&FramesBody { frames })
     };
-    let body = wanted.state.compute.run(Queue::Requests, tell).await?;
+    let body = turn.run(tell).await?;
     wanted.respond(body)
 }

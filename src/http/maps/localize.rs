@@ -9,7 +9,7 @@ use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::resumed::joint;
+use super::resumed::turn_with_joint;
 use crate::geometry::{Cov3, Pose};
 use crate::http::jobs::schema::{NoiseBody, PoseBody};
 use crate::http::shared::compute::{Leash, Queue};
@@ -128,11 +128,10 @@ pub async fn localize_scans(
     let limits = state.workshop.limits;
     let read = move |_: &Leash| Ok(Sightings::parse(&received.unpack()?, &limits)?);
     let asked = state.compute.run(Queue::Requests, read).await?;
-    let map = state.load(&record).await?;
-    let joint = joint(&state, &caller, &record).await?;
-    let kept = state.clone();
     // What takes seconds waits for its like, so that nobody who asks a little waits for it.
     let queue = if asked.is_light() { Queue::Answers } else { Queue::Heavy };
+    let (turn, map, joint) = turn_with_joint(&state, &caller, &record, queue).await?;
+    let kept = state.clone();
     let find = move |leash: &Leash| {
         let go_on = || leash.holds();
         let _held = match queue {
@@ -148,7 +147,7 @@ pub async fn localize_scans(
         let poses = located.map_err(refused)?.into_iter().map(LocatedBody::of).collect();
         to_json(&LocalizationBody { poses })
     };
-    let body = state.compute.run(queue, find).await?;
+    let body = turn.run(find).await?;
     let body = state.answers.take(body.len())?.body(body);
     Ok(([("content-type", JSON.media)], body).into_response())
 }

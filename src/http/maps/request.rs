@@ -4,8 +4,6 @@
 //! (422, 406), answer 304 where the client has it, else load the arrays, compute off the async threads, and tag the
 //! result. A handler says only what is its own.
 
-use std::sync::Arc;
-
 use axum::extract::{FromRequestParts, RawPathParams};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, Uri};
@@ -119,13 +117,13 @@ impl Wanted {
         self,
         make: impl FnOnce(&FittedMap, &MapRecord, Format, &Leash) -> Result<Vec<u8>, Problem> + Send + 'static,
     ) -> Result<Response, Problem> {
-        let map: Arc<FittedMap> = self.state.load(&self.record).await?;
+        let (turn, map) = self.state.turn_with(Queue::Answers, &self.record).await?;
         let (record, format) = (self.record.clone(), self.format);
         let form = move |leash: &Leash| {
             leash.goes_on()?;
             make(&map, &record, format, leash)
         };
-        let body = self.state.compute.run(Queue::Answers, form).await?;
+        let body = turn.run(form).await?;
         self.respond(body)
     }
 

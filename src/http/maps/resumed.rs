@@ -9,7 +9,7 @@ use std::sync::Arc;
 use axum::http::StatusCode;
 
 use crate::fit::Estimate;
-use crate::http::shared::compute::{Leash, Queue};
+use crate::http::shared::compute::{Leash, Queue, Turn};
 use crate::http::shared::kept::unpack;
 use crate::http::shared::problem::Problem;
 use crate::http::shared::{AppState, Caller};
@@ -23,18 +23,39 @@ struct Ended {
     packed: Vec<u8>,
 }
 
+/// A turn, and within it a map and what blocks of its covariance are formed from. Whoever asks a little has a turn among
+/// his like where that is known, and is among those who form it where it is not.
+pub async fn turn_with_joint(
+    state: &AppState,
+    caller: &Caller,
+    record: &MapRecord,
+    queue: Queue,
+) -> Result<(Turn, Arc<FittedMap>, Arc<Joint>), Problem> {
+    if queue != Queue::Heavy && state.joints.get(&record.id).is_some() {
+        let (turn, map) = state.turn_with(queue, record).await?;
+        if let Some(known) = state.joints.get(&record.id) {
+            return Ok((turn, map, known));
+        }
+    }
+    let (turn, map) = state.turn_with(Queue::Heavy, record).await?;
+    let joint = joint(state, caller, record, (&turn, &map)).await?;
+    Ok((turn, map, joint))
+}
+
 /// What blocks of the covariance are formed from, kept or formed now.
-pub async fn joint(state: &AppState, caller: &Caller, record: &MapRecord) -> Result<Arc<Joint>, Problem> {
-    let (again, id) = (state.clone(), record.id.clone());
-    if let Some(known) = state.joints.get(&id) {
+async fn joint(
+    state: &AppState,
+    caller: &Caller,
+    record: &MapRecord,
+    (turn, map): (&Turn, &Arc<FittedMap>),
+) -> Result<Arc<Joint>, Problem> {
+    // Whoever was ahead in the queue may have formed it.
+    if let Some(known) = state.joints.get(&record.id) {
         return Ok(known);
     }
-    let ended = Ended::of(state, caller, record).await?;
+    let ended = Ended::of(state, caller, record, map).await?;
+    let (again, id) = (state.clone(), record.id.clone());
     let form = move |leash: &Leash| {
-        // Whoever was ahead in the queue may have formed it.
-        if let Some(known) = again.joints.get(&id) {
-            return Ok(known);
-        }
         let formed = ended.with_estimate(&again.workshop, leash, |estimate| {
             Joint::of(estimate, &|_| leash.holds()).map_err(|error| Problem::internal(&error))
         })?;
@@ -42,7 +63,7 @@ pub async fn joint(state: &AppState, caller: &Caller, record: &MapRecord) -> Res
         again.joints.keep(&id, formed.clone(), formed.held_bytes());
         Ok(formed)
     };
-    state.compute.run(Queue::Heavy, form).await
+    turn.run(form).await
 }
 
 /// An answer made from what any entry of the covariance is formed from.
@@ -52,7 +73,8 @@ pub async fn from_factors(
     record: &MapRecord,
     make: impl FnOnce(Factors) -> Result<Vec<u8>, Problem> + Send + 'static,
 ) -> Result<Vec<u8>, Problem> {
-    let ended = Ended::of(state, caller, record).await?;
+    let (turn, map) = state.turn_with(Queue::Heavy, record).await?;
+    let ended = Ended::of(state, caller, record, &map).await?;
     let workshop = state.workshop.clone();
     let form = move |leash: &Leash| {
         ended.with_estimate(&workshop, leash, |mut estimate| {
@@ -62,15 +84,15 @@ pub async fn from_factors(
             make(factors)
         })
     };
-    state.compute.run(Queue::Heavy, form).await
+    turn.run(form).await
 }
 
 impl Ended {
-    async fn of(state: &AppState, caller: &Caller, record: &MapRecord) -> Result<Self, Problem> {
+    async fn of(state: &AppState, caller: &Caller, record: &MapRecord, map: &Arc<FittedMap>) -> Result<Self, Problem> {
         let packed = state.workshop.records.request(&caller.tenant, &record.job_id).await?;
         let packed =
             packed.ok_or_else(|| Problem::not_found("the map's job is gone, and with it what this is formed from"))?;
-        Ok(Self { map: state.load(record).await?, packed })
+        Ok(Self { map: map.clone(), packed })
     }
 
     /// What `form` makes of the fit's end, within the memory that fits share.

@@ -68,8 +68,8 @@ pub async fn get_map_tile(place: Place, mut request: MapRequest) -> Result<Respo
     };
     let Place { layer, level, x, y } = place;
     let piece = Tile { layer, level, x, y, kind, dark, most };
-    let map = wanted.state.load(&wanted.record).await?;
+    let (turn, map) = wanted.state.turn_with(Queue::Answers, &wanted.record).await?;
     let draw = move |leash: &Leash| Ok(tile(&map, &piece, &|| leash.holds())?);
-    let body = wanted.state.compute.run(Queue::Answers, draw).await?;
+    let body = turn.run(draw).await?;
     wanted.respond(body)
 }

@@ -28,6 +28,8 @@ const FEW: usize = 128 << 10;
 /// What is read in milliseconds.
 const SMALL_JOB: usize = 256 << 10;
 const PATIENCE_FOR: Duration = Duration::from_secs(20);
+/// Bodies are kept in pieces of so many bytes.
+const PIECE: usize = 1 << 20;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Encoding {
@@ -38,7 +40,7 @@ enum Encoding {
 
 /// A body as it came: still packed, so that what waits to be worked on is small.
 pub struct Received {
-    raw: Bytes,
+    raw: Pieces,
     encoding: Encoding,
     limit: usize,
     /// Which of the known media types it has.
@@ -67,10 +69,44 @@ impl Received {
     pub fn unpack(self) -> Result<Bytes, Problem> {
         let Self { raw, encoding, limit, .. } = self;
         match encoding {
-            Encoding::Identity => Ok(raw),
-            Encoding::Gzip => unpack(flate2::read::MultiGzDecoder::new(&raw[..]), limit),
-            Encoding::Zstd => unpack(zstd::Decoder::new(&raw[..]).map_err(|error| unreadable(&error))?, limit),
+            Encoding::Identity => Ok(raw.whole()),
+            Encoding::Gzip => unpack(flate2::read::MultiGzDecoder::new(&raw.whole()[..]), limit),
+            Encoding::Zstd => unpack(zstd::Decoder::new(&raw.whole()[..]).map_err(|error| unreadable(&error))?, limit),
         }
+    }
+}
+
+/// A body as it grows: what is there is not moved for what comes, so it takes what it counts for.
+#[derive(Default)]
+struct Pieces(Vec<BytesMut>);
+
+impl Pieces {
+    fn len(&self) -> usize {
+        self.0.iter().map(BytesMut::len).sum()
+    }
+
+    fn extend(&mut self, mut data: &[u8]) {
+        while !data.is_empty() {
+            match self.0.last_mut() {
+                Some(last) if last.len() < PIECE => {
+                    let (fits, rest) = data.split_at(data.len().min(PIECE - last.len()));
+                    last.extend_from_slice(fits);
+                    data = rest;
+                }
+                // Most bodies are small: only what follows a whole piece is expected to be one.
+                Some(_) => self.0.push(BytesMut::with_capacity(PIECE)),
+                None => self.0.push(BytesMut::new()),
+            }
+        }
+    }
+
+    fn whole(mut self) -> Bytes {
+        if self.0.len() <= 1 {
+            return self.0.pop().unwrap_or_default().freeze();
+        }
+        let mut whole = BytesMut::with_capacity(self.len());
+        self.0.into_iter().for_each(|piece| whole.extend_from_slice(&piece));
+        whole.freeze()
     }
 }
 
@@ -151,8 +187,8 @@ async fn receive(
     mut body: Body,
     (limit, within): (usize, Duration),
     may_hold: &mut (dyn FnMut(usize) -> bool + Send),
-) -> Result<Bytes, Problem> {
-    let mut kept = BytesMut::new();
+) -> Result<Pieces, Problem> {
+    let mut kept = Pieces::default();
     let mut length = 0usize;
     let mut crowded = false;
     let whole = async {
@@ -163,9 +199,9 @@ async fn receive(
             let counted = length.saturating_sub(SMALL).min(data.len());
             crowded = crowded || (length <= limit && !may_hold(counted));
             if length <= limit && !crowded {
-                kept.extend_from_slice(&data);
+                kept.extend(&data);
             } else {
-                kept = BytesMut::new();
+                kept = Pieces::default();
                 if length > PATIENCE * limit {
                     break;
                 }
@@ -188,7 +224,7 @@ async fn receive(
             let detail = "the service holds as many bytes of requests as it may; try again".into();
             Err(Problem { detail, ..Problem::of_status(StatusCode::SERVICE_UNAVAILABLE) })
         }
-        _ => Ok(kept.freeze()),
+        _ => Ok(kept),
     }
 }
 
@@ -206,4 +242,21 @@ fn too_large(limit: usize) -> Problem {
 fn unreadable(error: &dyn std::fmt::Display) -> Problem {
     let detail = format!("the body cannot be read: {error}");
     Problem { detail, ..Problem::of_status(StatusCode::BAD_REQUEST) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_body_in_pieces_is_what_came() {
+        let came: Vec<u8> = (0..3 * PIECE + 17).map(|k| (k % 251) as u8).collect();
+        for frame in [1000, 64 << 10, PIECE, 2 * PIECE + 1] {
+            let mut pieces = Pieces::default();
+            came.chunks(frame).for_each(|data| pieces.extend(data));
+            assert_eq!((pieces.len(), pieces.0.len()), (came.len(), 4));
+            assert!(pieces.whole() == came, "in frames of {frame} bytes");
+        }
+        assert!(Pieces::default().whole().is_empty());
+    }
 }

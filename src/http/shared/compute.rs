@@ -1,12 +1,14 @@
 //! Work that takes milliseconds or more: off the threads that answer, a bounded number at a time, and only while somebody
 //! waits for it. What takes longer shares the cores with fits, and makes way for what does not.
+//!
+//! Whoever waits for a turn holds nothing large: maps and kept requests are read within it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use axum::http::StatusCode;
-use tokio::sync::{Semaphore, oneshot};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
 use super::problem::Problem;
 use crate::worker::in_background;
@@ -55,6 +57,15 @@ impl Leash {
 /// Work that tells what came of it.
 type Task = Box<dyn FnOnce(&Leash) + Send>;
 
+/// A place among those who compute. It is free again when this is dropped and all that was begun in it has ended: a
+/// client that leaves does not make room for another while its work still runs.
+pub struct Turn {
+    queue: Queue,
+    permit: Arc<OwnedSemaphorePermit>,
+    leash: Leash,
+    _waiting: Waiting,
+}
+
 /// Lives as long as the client waits.
 struct Waiting(Arc<AtomicBool>);
 
@@ -78,15 +89,11 @@ impl Compute {
         queue: Queue,
         work: impl FnOnce(&Leash) -> Result<T, Problem> + Send + 'static,
     ) -> Result<T, Problem> {
-        let (tell, told) = oneshot::channel();
-        // Whoever does not wait any more is not told.
-        let task = move |leash: &Leash| drop(tell.send(work(leash)));
-        self.turn(queue, Box::new(task)).await?;
-        told.await.unwrap_or_else(|_| Err(Problem::too_slow()))
+        self.turn(queue).await?.run(work).await
     }
 
-    /// Does a task when its turn comes: of whatever kind its answer is, so that all of this is compiled once.
-    async fn turn(&self, queue: Queue, task: Task) -> Result<(), Problem> {
+    /// A turn, when it comes; 503 where that takes longer than an answer may.
+    pub async fn turn(&self, queue: Queue) -> Result<Turn, Problem> {
         let permits = match queue {
             Queue::Small => &self.small,
             Queue::Requests => &self.requests,
@@ -94,30 +101,50 @@ impl Compute {
             Queue::Heavy => &self.heavy,
         };
         let leash = Leash { left: Arc::default(), until: Instant::now() + self.patience };
-        let waiting = Waiting(leash.left.clone());
-        let until = leash.until;
-        let turn = async {
-            // The semaphores are never closed, so a permit always comes. It goes with the work, not with the client: one
-            // that leaves does not make room for another while its work still runs.
-            let permit = permits.clone().acquire_owned().await.ok();
-            let work = move || {
-                let _permit = permit;
-                match (leash.holds(), queue) {
-                    (false, _) => Err(Problem::too_slow()),
-                    (true, Queue::Small) => {
-                        task(&leash);
-                        Ok(())
-                    }
-                    (true, _) => in_background(|| task(&leash)).map_err(|error| no_thread(&error)),
+        let _waiting = Waiting(leash.left.clone());
+        // The semaphores are never closed, so a permit always comes.
+        let permit = tokio::time::timeout_at(leash.until.into(), permits.clone().acquire_owned()).await;
+        let permit = permit.ok().and_then(Result::ok).ok_or_else(Problem::too_slow)?;
+        Ok(Turn { queue, permit: Arc::new(permit), leash, _waiting })
+    }
+}
+
+impl Turn {
+    /// When its time is up.
+    pub fn until(&self) -> Instant {
+        self.leash.until
+    }
+
+    /// Runs work, as [`Compute::run`] does.
+    pub async fn run<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&Leash) -> Result<T, Problem> + Send + 'static,
+    ) -> Result<T, Problem> {
+        let (tell, told) = oneshot::channel();
+        // Whoever does not wait any more is not told.
+        let task = move |leash: &Leash| drop(tell.send(work(leash)));
+        self.does(Box::new(task)).await?;
+        told.await.unwrap_or_else(|_| Err(Problem::too_slow()))
+    }
+
+    /// Does a task, of whatever kind its answer is: so all of this is compiled once.
+    async fn does(&self, task: Task) -> Result<(), Problem> {
+        let (queue, permit, leash) = (self.queue, self.permit.clone(), self.leash.clone());
+        let work = move || {
+            let _permit = permit;
+            match (leash.holds(), queue) {
+                (false, _) => Err(Problem::too_slow()),
+                (true, Queue::Small) => {
+                    task(&leash);
+                    Ok(())
                 }
-            };
-            tokio::task::spawn_blocking(work).await?
+                (true, _) => in_background(|| task(&leash)).map_err(|error| no_thread(&error)),
+            }
         };
-        let answer = tokio::time::timeout_at(until.into(), turn).await;
-        drop(waiting);
-        match answer {
+        let done = async { tokio::task::spawn_blocking(work).await? };
+        match tokio::time::timeout_at(self.until().into(), done).await {
             // Work that stopped because its time was up comes back with an error of its own, at the same moment.
-            Ok(answer) if Instant::now() < until => answer,
+            Ok(answer) if Instant::now() < self.until() => answer,
             _ => Err(Problem::too_slow()),
         }
     }

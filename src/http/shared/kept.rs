@@ -1,25 +1,25 @@
 //! What is kept of jobs' requests, unpacked: joins and updates begin with it.
 //!
 //! A request of megabytes of spaces is kept in a kilobyte, and a join may name a map many times: what all of it comes
-//! to is asked before any of it is unpacked, and is bounded by what the service may hold.
+//! to is asked before any of it is unpacked, and is bounded by what the service may hold. That bound is one for all who
+//! are at it: others wait in their turns.
 
 use std::io::Read;
 
-use super::compute::Queue;
+use super::compute::Turn;
 use super::problem::Problem;
-use super::state::Service;
 
 /// Of what fits and answers may hold together, what requests that are unpacked at once may be: they are parsed, put
 /// together and packed again, and some are at it side by side.
 const SHARE: u64 = 8;
 const BOUNDS: (u64, u64) = (64 << 20, 512 << 20);
 
-/// Bytes of kept requests that may be unpacked for one new one.
+/// Bytes of kept requests that may be unpacked at once, and so for one new one.
 pub fn most_unpacked(memory: u64) -> u64 {
     (memory / SHARE).clamp(BOUNDS.0, BOUNDS.1)
 }
 
-impl Service {
+impl Turn {
     /// A kept request, and its bytes once it is unpacked, counted as far as one beyond `most`. Its frame says so; those
     /// of the first version do not, and are read through by the threads that compute, holding nothing.
     pub async fn measured(&self, packed: Vec<u8>, most: u64) -> Result<(Vec<u8>, u64), Problem> {
@@ -30,7 +30,7 @@ impl Service {
             let bytes = counted(&packed, most);
             Ok((packed, bytes))
         };
-        self.compute.run(Queue::Requests, count).await
+        self.run(count).await
     }
 }
 
@@ -39,7 +39,8 @@ fn told(packed: &[u8]) -> Option<u64> {
 }
 
 fn counted(packed: &[u8], most: u64) -> u64 {
-    let read = |decoder: zstd::Decoder<'_, _>| std::io::copy(&mut decoder.take(most + 1), &mut std::io::sink());
+    let read =
+        |decoder: zstd::Decoder<'_, _>| std::io::copy(&mut decoder.take(most.saturating_add(1)), &mut std::io::sink());
     zstd::Decoder::new(packed).and_then(read).unwrap_or(u64::MAX)
 }
 

@@ -50,6 +50,14 @@ impl Ration {
         }
         true
     }
+
+    /// A share of so many bytes, when they are to be had; 503 where that is not by then. More than the whole ration is all
+    /// of it.
+    pub async fn wait(&self, bytes: usize, until: Instant) -> Result<Share, Problem> {
+        let held = self.units.clone().acquire_many_owned(self.units_of(bytes));
+        let held = tokio::time::timeout_at(until.into(), held).await;
+        held.ok().and_then(Result::ok).map(|held| Share(Some(held))).ok_or_else(Problem::too_slow)
+    }
 }
 
 /// Answers up to this are not counted: no crowd of slow readers keeps a small one from its client.
@@ -152,6 +160,16 @@ mod tests {
         assert!(!ration.grow(&mut a, 1));
         drop(a);
         assert!(ration.grow(&mut b, 6 * UNIT));
+    }
+
+    #[tokio::test]
+    async fn whoever_waits_has_a_share_once_it_is_free() {
+        let (ration, soon) = (Ration::new(4 * UNIT), Instant::now() + Duration::from_millis(100));
+        let all = ration.wait(9 * UNIT, soon).await.unwrap();
+        assert_eq!(ration.wait(1, soon).await.err().unwrap().status, StatusCode::SERVICE_UNAVAILABLE);
+        let later = Instant::now() + Duration::from_secs(60);
+        let (share, ()) = tokio::join!(ration.wait(4 * UNIT, later), async { drop(all) });
+        assert!(share.is_ok() && !ration.grow(&mut ration.none(), 1));
     }
 
     #[tokio::test]

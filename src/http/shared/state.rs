@@ -11,12 +11,13 @@ use utoipa::ToSchema;
 
 use super::cache::Cache;
 use super::caller::Caller;
-use super::compute::{Compute, Queue};
+use super::compute::{Compute, Queue, Turn};
+use super::kept::most_unpacked;
 use super::keyed::Keyed;
 use super::page::Page;
 use super::problem::{Problem, to_json};
 use super::rate::Rates;
-use super::ration::Ration;
+use super::ration::{Ration, Share};
 use super::rules::Rules;
 use crate::jobs::{Job, MapRecord};
 use crate::localize::Ground;
@@ -27,6 +28,8 @@ use crate::worker::Workshop;
 
 /// Rows of a list that are written as they are asked for.
 const SMALL_PAGE: usize = 100;
+/// Maps that are loaded side by side, where ids fall apart.
+const STRIPES: usize = 16;
 
 pub struct Service {
     pub workshop: Arc<Workshop>,
@@ -35,6 +38,8 @@ pub struct Service {
     /// Bytes of request bodies, and of answers on their way, that are held at once.
     pub bodies: Ration,
     pub answers: Ration,
+    /// Bytes of kept requests that are unpacked at once.
+    pub unpacked: Ration,
     /// The OpenAPI document.
     pub document: Bytes,
     /// What its routes need, and how often a key may ask.
@@ -42,8 +47,8 @@ pub struct Service {
     pub rates: Rates,
     keyed: Keyed,
     maps: Cache<FittedMap>,
-    /// Held while a map is loaded, so that many who ask for one at once load it once.
-    loading: tokio::sync::Mutex<()>,
+    /// One of them is held while a map is loaded, which by its id: many who ask for one at once load it once.
+    loading: [tokio::sync::Mutex<()>; STRIPES],
     /// By map: what blocks of its covariance are formed from.
     pub joints: Cache<Joint>,
     /// By map: its raster that scans are looked for on.
@@ -94,6 +99,8 @@ impl Default for HttpLimits {
 
 impl Service {
     pub fn new(workshop: Arc<Workshop>, limits: HttpLimits, document: String) -> Self {
+        let unpacked = usize::try_from(most_unpacked(workshop.rules.memory)).unwrap_or(usize::MAX);
+        let unpacked = Ration::new(unpacked);
         Self {
             rules: Rules::of(&document),
             rates: Rates::new(limits.requests_a_second),
@@ -104,6 +111,7 @@ impl Service {
             compute: Compute::new(limits.patience),
             bodies: Ration::new(limits.bodies),
             answers: Ration::new(limits.answers),
+            unpacked,
             maps: Cache::new(limits.cache),
             loading: Default::default(),
             joints: Cache::new(limits.joints),
@@ -128,20 +136,37 @@ impl Service {
         record.ok_or_else(|| Problem::not_found(format!("there is no map {id}")))
     }
 
-    /// A map's arrays, from memory or from its artifacts.
-    pub async fn load(&self, record: &MapRecord) -> Result<Arc<FittedMap>, Problem> {
+    /// A turn, and within it a map: whoever waits for a turn holds no map. Small questions never wait while one is
+    /// loaded: that is done in a turn of its own.
+    pub async fn turn_with(&self, queue: Queue, record: &MapRecord) -> Result<(Turn, Arc<FittedMap>), Problem> {
+        let turn = self.compute.turn(queue).await?;
         if let Some(map) = self.maps.get(&record.id) {
-            return Ok(map);
+            return Ok((turn, map));
         }
-        let turn = tokio::time::timeout(self.limits.patience, self.loading.lock());
-        let _turn = turn.await.map_err(|_| Problem::too_slow())?;
+        drop(turn);
+        let loading = tokio::time::timeout(self.limits.patience, self.loading[stripe(&record.id)].lock());
+        let _loading = loading.await.map_err(|_| Problem::too_slow())?;
+        let loads = if queue == Queue::Small { Queue::Answers } else { queue };
+        let turn = self.compute.turn(loads).await?;
+        let map = self.load(&turn, record).await?;
+        let turn = if loads == queue { turn } else { self.compute.turn(queue).await? };
+        Ok((turn, map))
+    }
+
+    /// A map's arrays, from memory or, within a turn, from its artifacts.
+    pub async fn load(&self, turn: &Turn, record: &MapRecord) -> Result<Arc<FittedMap>, Problem> {
         if let Some(map) = self.maps.get(&record.id) {
             return Ok(map);
         }
         let bytes = self.workshop.artifacts.get(&record.prefix, MAP_FILE, record.sha256.as_deref()).await?;
-        let map = self.compute.run(Queue::Answers, move |_| Ok(Arc::new(FittedMap::from_npz(&bytes)?))).await?;
+        let map = turn.run(move |_| Ok(Arc::new(FittedMap::from_npz(&bytes)?))).await?;
         self.maps.keep(&record.id, map.clone(), map.held_bytes());
         Ok(map)
+    }
+
+    /// The right to unpack kept requests of so many bytes, for as long as it is held.
+    pub async fn may_unpack(&self, turn: &Turn, bytes: u64) -> Result<Share, Problem> {
+        self.unpacked.wait(usize::try_from(bytes).unwrap_or(usize::MAX), turn.until()).await
     }
 
     /// A page of a list. Labels are what clients make of them: a thousand rows may be megabytes, which are formed off the
@@ -161,4 +186,8 @@ impl Service {
         self.joints.forget(id);
         self.grounds.forget(id);
     }
+}
+
+fn stripe(id: &str) -> usize {
+    id.bytes().fold(0, |sum, byte| (31 * sum + usize::from(byte)) % STRIPES)
 }

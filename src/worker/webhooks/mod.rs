@@ -13,6 +13,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use tokio::task::JoinSet;
 use ureq::Agent;
+use ureq::unversioned::resolver::{DefaultResolver, Resolver};
 use ureq::unversioned::transport::DefaultConnector;
 
 pub use signature::{PREFIX as SECRET_PREFIX, signature};
@@ -38,15 +39,7 @@ const PAUSES: [u64; 9] = [5, 300, 1800, 7200, 18_000, 36_000, 50_400, 72_000, 86
 
 /// Sends what is due until the service drains.
 pub(super) async fn deliver(workshop: Arc<Workshop>) {
-    let config = Agent::config_builder()
-        .timeout_global(Some(WITHIN))
-        .max_redirects(0)
-        .http_status_as_error(false)
-        .proxy(None)
-        .user_agent(concat!("mapfit/", env!("CARGO_PKG_VERSION")))
-        .build();
-    let guarded = Guarded(workshop.rules.webhooks.clone());
-    let agent = Agent::with_parts(config, DefaultConnector::default(), guarded);
+    let agent = agent(Guarded { allowed: workshop.rules.webhooks.clone(), names: DefaultResolver::default() });
     let (mut under_way, mut counts) = (JoinSet::new(), HashMap::<String, usize>::new());
     while !workshop.is_draining() {
         let told = workshop.hooks.notified();
@@ -87,6 +80,18 @@ pub(super) async fn deliver(workshop: Arc<Workshop>) {
     }
     // Those that are on their way may still arrive.
     under_way.detach_all();
+}
+
+/// Who calls: nobody but whom its resolver names.
+fn agent(names: impl Resolver) -> Agent {
+    let config = Agent::config_builder()
+        .timeout_global(Some(WITHIN))
+        .max_redirects(0)
+        .http_status_as_error(false)
+        .proxy(None)
+        .user_agent(concat!("mapfit/", env!("CARGO_PKG_VERSION")))
+        .build();
+    Agent::with_parts(config, DefaultConnector::default(), names)
 }
 
 /// Makes a delivery; says of which webhook it was.

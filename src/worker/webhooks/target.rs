@@ -9,7 +9,7 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use ipnet::IpNet;
 use ureq::config::Config;
 use ureq::http::Uri;
-use ureq::unversioned::resolver::{DefaultResolver, ResolvedSocketAddrs, Resolver};
+use ureq::unversioned::resolver::{ResolvedSocketAddrs, Resolver};
 use ureq::unversioned::transport::NextTimeout;
 
 const LONGEST_URL: usize = 2048;
@@ -52,13 +52,17 @@ impl Allowed {
 
 /// Resolves names, and keeps of their addresses those that are allowed.
 #[derive(Debug)]
-pub(super) struct Guarded(pub Allowed);
+pub(super) struct Guarded<R> {
+    pub allowed: Allowed,
+    /// What names mean now.
+    pub names: R,
+}
 
-impl Resolver for Guarded {
+impl<R: Resolver> Resolver for Guarded<R> {
     fn resolve(&self, uri: &Uri, config: &Config, timeout: NextTimeout) -> Result<ResolvedSocketAddrs, ureq::Error> {
-        let found = DefaultResolver::default().resolve(uri, config, timeout)?;
+        let found = self.names.resolve(uri, config, timeout)?;
         let mut kept = self.empty();
-        found.iter().filter(|address| self.0.allows(address.ip())).for_each(|address| kept.push(*address));
+        found.iter().filter(|address| self.allowed.allows(address.ip())).for_each(|address| kept.push(*address));
         match kept.is_empty() {
             true => Err(std::io::Error::new(std::io::ErrorKind::PermissionDenied, "the address is not allowed").into()),
             false => Ok(kept),
@@ -97,6 +101,13 @@ fn is_public_v6(address: Ipv6Addr) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::io::{Read, Write};
+    use std::net::{SocketAddr, TcpListener};
+    use std::sync::Mutex;
+
+    use ureq::unversioned::resolver::DefaultResolver;
+
+    use super::super::agent;
     use super::*;
 
     #[test]
@@ -138,7 +149,11 @@ mod tests {
     fn names_of_addresses_that_are_not_allowed_lead_nowhere() {
         let resolve = |url: &str, allowed: &str| {
             let allowed = Allowed(allowed.split(' ').filter_map(|net| net.parse().ok()).collect());
-            Guarded(allowed).resolve(&url.parse().unwrap(), &Config::default(), NextTimeout::default())
+            Guarded { allowed, names: DefaultResolver::default() }.resolve(
+                &url.parse().unwrap(),
+                &Config::default(),
+                NextTimeout::default(),
+            )
         };
         for url in
             ["http://localhost:9/", "http://127.1:9/", "http://2130706433:9/", "http://0x7f.0.0.1:9/", "http://0:9/"]
@@ -148,6 +163,38 @@ mod tests {
         }
         let own = resolve("http://localhost:9/", "127.0.0.0/8 ::1/128").unwrap();
         assert!(!own.is_empty() && own.iter().all(|address| address.ip().is_loopback()));
+    }
+
+    /// A name server whose answers change, as one does that its owner wants to lead inside.
+    #[derive(Debug)]
+    struct Fickle(Mutex<Vec<SocketAddr>>);
+
+    impl Resolver for Fickle {
+        fn resolve(&self, _: &Uri, _: &Config, _: NextTimeout) -> Result<ResolvedSocketAddrs, ureq::Error> {
+            let mut found = self.empty();
+            found.push(self.0.lock().unwrap().pop().unwrap());
+            Ok(found)
+        }
+    }
+
+    #[test]
+    fn a_name_that_means_another_address_the_second_time_leads_nowhere() {
+        let outside = TcpListener::bind("127.0.0.2:0").unwrap();
+        let inside = TcpListener::bind("127.0.0.1:0").unwrap();
+        inside.set_nonblocking(true).unwrap();
+        let answers = [&inside, &outside].map(|one| one.local_addr().unwrap());
+        let allowed = Allowed(vec!["127.0.0.2/32".parse().unwrap()]);
+        let calls = agent(Guarded { allowed, names: Fickle(Mutex::new(answers.to_vec())) });
+        let receiver = std::thread::spawn(move || {
+            let (mut wire, _) = outside.accept().unwrap();
+            let _ = wire.read(&mut [0; 1024]).unwrap();
+            wire.write_all(b"HTTP/1.1 204 No Content\r\nconnection: close\r\n\r\n").unwrap();
+        });
+        assert_eq!(calls.post("http://hooks.example/").send("{}").unwrap().status(), 204);
+        receiver.join().unwrap();
+        let refused = calls.post("http://hooks.example/").send("{}").unwrap_err();
+        assert!(refused.to_string().contains("not allowed"), "{refused}");
+        assert!(inside.accept().is_err(), "it was called");
     }
 
     #[test]

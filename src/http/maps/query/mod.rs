@@ -102,8 +102,8 @@ pub async fn query_map(
     }
     params.finish()?;
     let fields = fields.and_then(Result::ok).unwrap_or([true; FIELDS.len()]);
-    let map = state.load(&record).await?;
-    let (rations, queue) = (state.answers.clone(), received.queue_of_answer());
+    let (turn, map) = state.turn_with(received.queue_of_answer(), &record).await?;
+    let rations = state.answers.clone();
     let form = move |leash: &Leash| {
         let question = match received.media {
             NPY => Question { points: points_of_npy(&received.unpack()?)?, kind, fields },
@@ -117,6 +117,6 @@ pub async fn query_map(
         let text = answer.json(question.points.len());
         Ok(share.stream(text.map(|piece| piece.map_err(Into::into))))
     };
-    let body = state.compute.run(queue, form).await?;
+    let body = turn.run(form).await?;
     Ok(([("content-type", format.media)], body).into_response())
 }
