@@ -1,3 +1,6 @@
+-- A migration locks one of the tables that submissions and claims write: those take them in different orders, and others go on
+-- meanwhile. What concerns `jobs` is 0007.
+--
 -- Among tenants with as few jobs running, whoever was served longest ago is next: a tenant that fills the queue keeps nobody
 -- out who comes later, even where one worker claims, or where more tenants wait than there are workers.
 
@@ -35,8 +38,7 @@ BEGIN
     ) AS free WHERE lanes.tenant = of_tenant AND lanes.priority = free.priority;
 END $$;
 
--- A job that is given back is as if it had never been claimed, and so is its tenant. Fires behind lanes_joined, by their names:
--- `served` is what is locked last.
+-- A job that is given back is as if it had never been claimed, and so is its tenant (0007).
 CREATE FUNCTION unserve() RETURNS trigger LANGUAGE plpgsql AS $$
 BEGIN
     UPDATE served SET claim = 0 WHERE tenant = new.tenant;
@@ -45,9 +47,6 @@ BEGIN
     ) AS free WHERE lanes.tenant = new.tenant AND lanes.priority = free.priority;
     RETURN NULL;
 END $$;
-
-CREATE TRIGGER lanes_released AFTER UPDATE OF status ON jobs FOR EACH ROW
-WHEN (old.status = 'running' AND new.status = 'accepted' AND new.attempt < old.attempt) EXECUTE FUNCTION unserve();
 
 -- As before (0001), by priority, then by how few jobs of its tenant run, then by how long ago its tenant was served, then by age.
 CREATE OR REPLACE FUNCTION claim_job(by_worker TEXT, lease_ms BIGINT, most_running BIGINT, wait_for TEXT)

@@ -28,6 +28,8 @@ from service.process import Process, Server
 # Jobs of each act.
 JOBS = 60
 WITHIN = 120.0
+# Faults that are printed; the report has all.
+SHOWN = 10
 
 
 def arguments() -> argparse.Namespace:
@@ -101,7 +103,7 @@ class Rolling:
         faults += [f"job {state['id']} is {state['status']}" for state in states if state["status"] != "successful"]
         older = self.older.connection(WITHIN)
         for state in states:
-            path = f"/v1/maps/{state.get('map_id')}/control-points?format=npz"
+            path = f"/v1/maps/{state.get('map_id')}/coefficients?format=npz"
             answers = [server.ask("GET", path) for server in (older, asked)]
             if any(answer.status != 200 for answer in answers) or answers[0].body != answers[1].body:
                 faults.append(f"{path}: {[answer.status for answer in answers]}, or not the same")
@@ -131,7 +133,7 @@ def main() -> int:
             process.kill()
     rolling.bar.end()
     report = {"jobs": len(rolling.jobs), "migrations": rolling.migrations, "fitted": rolling.ended, "faults": faults}
-    print(json.dumps(report))
+    print(json.dumps(report | {"faults": faults[:SHOWN]}))
     if options.json:
         options.json.write_text(json.dumps(report, indent=2))
     if not faults:

@@ -102,6 +102,8 @@ pub struct End<'a> {
     pub coefficients: &'a [&'a [f64]],
     /// [`Estimate::resume`].
     pub poses: &'a [f64],
+    /// Whether the Hessian was positive definite there.
+    pub positive_definite: bool,
 }
 
 /// What is to be fitted.

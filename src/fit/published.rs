@@ -59,7 +59,6 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
     let band = options.band.unwrap_or(DEFAULT_BAND);
     let stencil = Stencil::of_cells(lattice, &evidence.cells_within(lattice, band));
     let mut cholesky = job.cholesky(&stencil)?;
-    let start = nearest_return_field(lattice, &returns, &mut cholesky)?;
     let normals = normals::outward(&returns, lattice.resolution);
     let across = |(seen, n): (&Return, &Vec2)| 1.0 / n.dot(&(viewpoints[seen.scan].noise.covariance(seen) * n));
     let trust = onto_one_to_two(returns.iter().zip(&normals).map(across).collect());
@@ -69,7 +68,10 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
             let Normal { value, blocks, .. } = objective.assemble(&[x.clone(), y.clone()], &cholesky);
             End { components: [x, y], minimum: Minimum { objective: value, ..Minimum::default() }, hessians: blocks }
         }
-        _ => objective.minimise(start, options, &mut cholesky, observer)?,
+        _ => {
+            let start = nearest_return_field(lattice, &returns, &mut cholesky)?;
+            objective.minimise(start, options, &mut cholesky, observer)?
+        }
     };
     let field = [in_use(lattice, &stencil, x), in_use(lattice, &stencil, y)];
     let places: Vec<Vec2> = returns.iter().map(|seen| seen.point).collect();

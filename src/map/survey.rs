@@ -161,7 +161,7 @@ impl<'a> Survey<'a> {
             }
             (poses, _) => poses,
         };
-        let end = End { coefficients: &coefficients, poses };
+        let end = End { coefficients: &coefficients, poses, positive_definite: map.report.positive_definite };
         let lattice = map.lattice();
         Ok(fit::resume(self.scans, &self.noise, self.distance, lattice, &self.options, &self.team, (end, go_on))?)
     }

@@ -6,10 +6,11 @@
 use std::ops::Range;
 
 use faer::linalg::matmul::matmul;
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use super::error::SparseError;
-use super::few::Panel;
+use super::few::{FEW, Panel};
 use super::pace::Pace;
 use super::team::Team;
 use super::tree::Tree;
@@ -105,7 +106,7 @@ impl Ascent {
 
         let pace = Pace::of(self.walking());
         let groups = in_groups(v.as_mut()).zip(in_groups(f.as_mut()));
-        let groups = groups.map(|((range, v), (_, f))| Group { range, v, f }).collect();
+        let groups = groups.map(|((range, v), (_, f))| Group { range, v, f, scratch: Vec::new() }).collect();
         team.each_at_pace(groups, &pace, &|_| go_on(), |mut group: Group<'_>| {
             self.visits.iter().try_for_each(|visit| {
                 group.pass(visit, &panels(visit.supernode));
@@ -178,6 +179,8 @@ struct Group<'a> {
     range: Range<usize>,
     v: MatMut<'a, f64>,
     f: MatMut<'a, f64>,
+    /// What goes to the rows below, kept from visit to visit: memory that is new each time is cleared by the system first.
+    scratch: Vec<f64>,
 }
 
 impl Group<'_> {
@@ -187,6 +190,9 @@ impl Group<'_> {
             return;
         }
         let own = columns.start - self.range.start..columns.end - self.range.start;
+        if own.len() > FEW {
+            return self.pass_many(visit, panels, &own);
+        }
         let Some(derivative) = panels.derivative else {
             let mut sides = [above_zeros(self.v.as_ref(), visit, &own)];
             panels.factor.eliminate(&mut sides);
@@ -201,6 +207,43 @@ impl Group<'_> {
         own_rows += before;
         put_back(&mut self.v, visit, &own, v.as_ref());
         put_back(&mut self.f, visit, &own, f.as_ref());
+    }
+
+    /// The same with kernels made for many columns.
+    fn pass_many(&mut self, visit: &Visit, panels: &Panels<'_>, columns: &Range<usize>) {
+        let Self { v, f, scratch, .. } = self;
+        let (rows, width) = (visit.below.len(), columns.len());
+        scratch.resize(scratch.len().max(rows * width), 0.0);
+        let mut below = MatMut::from_column_major_slice_mut(&mut scratch[..rows * width], rows, width);
+        let (l11, l21) = panels.factor.blocks();
+        let mut own_v = own_rows(v, visit, columns);
+        solve_lower_triangular_in_place(l11, own_v.as_mut(), Par::Seq);
+        matmul(below.as_mut(), Accum::Replace, l21, own_v.as_ref(), 1.0, Par::Seq);
+        take_below(v, visit, columns, below.as_ref());
+        let Some(derivative) = panels.derivative else { return };
+        let (p, q) = derivative.blocks();
+        let own_v = own_rows(v, visit, columns);
+        let mut own_f = own_rows(f, visit, columns);
+        solve_lower_triangular_in_place(l11, own_f.as_mut(), Par::Seq);
+        matmul(below.as_mut(), Accum::Replace, l21, own_f.as_ref(), 1.0, Par::Seq);
+        matmul(below.as_mut(), Accum::Add, q, own_v.as_ref(), 1.0, Par::Seq);
+        own_f *= 2.0;
+        matmul(own_f, Accum::Add, p, own_v.as_ref(), -1.0, Par::Seq);
+        take_below(f, visit, columns, below.as_ref());
+    }
+}
+
+/// A supernode's own rows of some columns.
+fn own_rows<'a>(of: &'a mut MatMut<'_, f64>, visit: &Visit, columns: &Range<usize>) -> MatMut<'a, f64> {
+    of.as_mut().submatrix_mut(visit.first, columns.start, visit.width, columns.len())
+}
+
+/// Takes what a supernode has for the rows below it from them.
+fn take_below(from: &mut MatMut<'_, f64>, visit: &Visit, columns: &Range<usize>, x: MatRef<'_, f64>) {
+    for (k, column) in columns.clone().enumerate() {
+        for (row, &place) in visit.below.iter().enumerate() {
+            from[(place, column)] -= x[(row, k)];
+        }
     }
 }
 

@@ -1,15 +1,13 @@
-//! Solves and products of a supernode's panel with right-hand sides, few or many.
+//! Solves and products of a supernode's panel with few right-hand sides.
 //!
 //! A panel is read once a call, in the order it lies in memory. Kernels made for many right-hand sides go through it row
 //! by row of tiles, which with a handful of them means another page of memory for every few numbers: seven eighths of the
 //! time that a scan's covariance took.
 
-use faer::linalg::matmul::matmul;
-use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Mat, MatRef};
 
 /// More right-hand sides than this are many.
-const FEW: usize = 16;
+pub(super) const FEW: usize = 16;
 /// Columns of a panel that are taken together: a right-hand side is read and written once for so many.
 const TOGETHER: usize = 4;
 
@@ -26,8 +24,9 @@ impl<'a> Panel<'a> {
         Self { values, height, width }
     }
 
-    fn whole(self) -> MatRef<'a, f64> {
-        MatRef::from_column_major_slice(self.values, self.height, self.width)
+    /// The pivot block, and the rows below it.
+    pub fn blocks(self) -> (MatRef<'a, f64>, MatRef<'a, f64>) {
+        MatRef::from_column_major_slice(self.values, self.height, self.width).split_at_row(self.width)
     }
 
     /// A column, from a row on.
@@ -37,14 +36,8 @@ impl<'a> Panel<'a> {
 
     /// Of a factor's panel: each of `sides` is `L11^-1` times itself in the pivot's rows, and less `L21` times that below.
     pub fn eliminate(self, sides: &mut [Mat<f64>]) {
-        for x in sides.iter_mut().filter(|x| x.ncols() > FEW) {
-            let (mut own, below) = x.as_mut().split_at_row_mut(self.width);
-            let (l11, l21) = self.whole().split_at_row(self.width);
-            solve_lower_triangular_in_place(l11, own.as_mut(), Par::Seq);
-            matmul(below, Accum::Add, l21, own.as_ref(), -1.0, Par::Seq);
-        }
         for (first, count) in groups(self.width) {
-            for x in sides.iter_mut().filter(|x| x.ncols() <= FEW) {
+            for x in sides.iter_mut() {
                 for k in 0..x.ncols() {
                     let (solved, rest) = x.col_as_slice_mut(k).split_at_mut(first + count);
                     let own = &mut solved[first..];
@@ -63,9 +56,6 @@ impl<'a> Panel<'a> {
 
     /// `x - A v`, `A` being all of the panel, its pivot block full.
     pub fn take_product(self, v: MatRef<'_, f64>, x: &mut Mat<f64>) {
-        if x.ncols() > FEW {
-            return matmul(x.as_mut(), Accum::Add, self.whole(), v, -1.0, Par::Seq);
-        }
         for (first, count) in groups(self.width) {
             for k in 0..x.ncols() {
                 let own: [f64; TOGETHER] = std::array::from_fn(|j| if j < count { v[(first + j, k)] } else { 0.0 });
@@ -96,6 +86,10 @@ fn groups(width: usize) -> impl Iterator<Item = (usize, usize)> {
 
 #[cfg(test)]
 mod tests {
+    use faer::linalg::matmul::matmul;
+    use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
+    use faer::{Accum, Par};
+
     use super::*;
 
     /// A panel with a pivot block that is worth solving with, and what it is made of.
@@ -109,20 +103,25 @@ mod tests {
         for (height, width) in [(1, 1), (9, 3), (40, 4), (57, 22), (23, 23)] {
             let values = panel(height, width);
             let panel = Panel::new(&values, height, width);
-            let many = Mat::from_fn(height, FEW + 1, |i, k| (1 + i + 3 * k) as f64 % 7.0 - 3.0);
-            let few = many.subcols(0, 3).to_owned();
-            let pivots = |of: &Mat<f64>| of.subrows(0, width).to_owned();
+            let few = Mat::from_fn(height, 3, |i, k| (1 + i + 3 * k) as f64 % 7.0 - 3.0);
             let compare = |few: &Mat<f64>, many: &Mat<f64>| {
-                let off = (few - many.subcols(0, 3)).norm_max();
+                let off = (few - many).norm_max();
                 assert!(off <= 1e-9 * many.norm_max().max(1.0), "{height} x {width}: {off}");
             };
-            let mut sides = [few.clone(), many.clone()];
+            let (l11, l21) = panel.blocks();
+            let (mut sides, mut many) = ([few.clone()], few.clone());
             panel.eliminate(&mut sides);
-            compare(&sides[0], &sides[1]);
-            let (mut a, mut b) = (few.clone(), many.clone());
-            panel.take_product(pivots(&few).as_ref(), &mut a);
-            panel.take_product(pivots(&many).as_ref(), &mut b);
-            compare(&a, &b);
+            let (mut own, below) = many.as_mut().split_at_row_mut(width);
+            solve_lower_triangular_in_place(l11, own.as_mut(), Par::Seq);
+            matmul(below, Accum::Add, l21, own.as_ref(), -1.0, Par::Seq);
+            compare(&sides[0], &many);
+            let (pivots, mut taken) = (few.subrows(0, width).to_owned(), few.clone());
+            panel.take_product(pivots.as_ref(), &mut taken);
+            let (p, q) = (l11 * &pivots, l21 * &pivots);
+            compare(
+                &taken,
+                &Mat::from_fn(height, 3, |i, k| few[(i, k)] - if i < width { p[(i, k)] } else { q[(i - width, k)] }),
+            );
         }
     }
 }

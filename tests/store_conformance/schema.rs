@@ -2,6 +2,7 @@
 //! they are.
 
 use std::path::Path;
+use std::time::Duration;
 
 use mapfit::jobs::JobStatus;
 use mapfit::spline::Lattice;
@@ -13,11 +14,11 @@ use sqlx::{AssertSqlSafe, Connection, Executor, PgConnection};
 use crate::postgres_server::database;
 use crate::{DONE, LEASE, Progress, accept, listing, map_of, new_job, report, terms};
 
-/// The first migration of a folder, as sqlx reads it: the store has its files compiled in, and takes up what this began.
-async fn first_of(folder: &str) -> Migrator {
+/// The first migrations of a folder, as sqlx reads them: the store has its files compiled in, and takes up what these began.
+async fn first_of(count: usize, folder: &str) -> Migrator {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("migrations").join(folder);
     let mut migrations = Migrator::new(folder).await.unwrap();
-    let first: Vec<_> = migrations.migrations.iter().take(1).cloned().collect();
+    let first: Vec<_> = migrations.migrations.iter().take(count).cloned().collect();
     migrations.migrations = first.into();
     migrations
 }
@@ -37,7 +38,7 @@ fn a_database_of_the_first_schema_is_brought_up_to_date() {
     let file = folder.path().join("jobs.sqlite");
     in_runtime(async {
         let mut old = SqliteConnection::connect(&address(&file)).await.unwrap();
-        first_of("sqlite").await.run(&mut old).await.unwrap();
+        first_of(1, "sqlite").await.run(&mut old).await.unwrap();
         for (k, status) in ["accepted", "running", "failed", "accepted"].iter().enumerate() {
             let progress = serde_json::to_string(&Progress::queued(9)).unwrap();
             sqlx::query(
@@ -71,7 +72,7 @@ fn a_postgres_database_of_the_first_schema_is_brought_up_to_date() {
     in_runtime(async {
         let url = database();
         let mut old = PgConnection::connect(&url).await.unwrap();
-        first_of("postgres").await.run(&mut old).await.unwrap();
+        first_of(1, "postgres").await.run(&mut old).await.unwrap();
         let progress = serde_json::to_string(&Progress::queued(9)).unwrap();
         for (id, created) in [("done", 1), ("runs", 2), ("waits", 3), ("waits-too", 4)] {
             let job = sqlx::query(
@@ -163,5 +164,31 @@ fn a_database_of_a_later_version_is_worked_with() {
             other.execute(AssertSqlSafe(statement)).await.unwrap();
         }
         works(&PostgresStore::open(&url, 2).await.unwrap()).await;
+    });
+}
+
+/// Submissions write jobs and then lanes, claims the other way round, and both go on while a new version brings the schema up
+/// to date: it waits for them, and never they for it and it for them.
+#[test]
+fn a_schema_is_brought_up_to_date_beside_those_who_write() {
+    in_runtime(async {
+        for order in [["jobs", "lanes"], ["lanes", "jobs"]] {
+            let url = database();
+            let mut old = PgConnection::connect(&url).await.unwrap();
+            first_of(5, "postgres").await.run(&mut old).await.unwrap();
+            let write = |table: &str| AssertSqlSafe(format!("LOCK TABLE {table} IN ROW EXCLUSIVE MODE"));
+            old.execute("BEGIN").await.unwrap();
+            old.execute(write(order[0])).await.unwrap();
+            let new = url.clone();
+            let opened = tokio::spawn(async move { PostgresStore::open(&new, 2).await.map(drop) });
+            let mut observer = PgConnection::connect(&url).await.unwrap();
+            let waiting = "SELECT count(*) FROM pg_locks WHERE NOT granted AND locktype = 'relation'";
+            while sqlx::query_scalar::<_, i64>(waiting).fetch_one(&mut observer).await.unwrap() == 0 {
+                tokio::time::sleep(Duration::from_millis(10)).await;
+            }
+            old.execute(write(order[1])).await.unwrap();
+            old.execute("COMMIT").await.unwrap();
+            opened.await.unwrap().unwrap();
+        }
     });
 }

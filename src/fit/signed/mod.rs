@@ -27,7 +27,7 @@ pub use start::{least_squares, signed_nearest_return};
 use super::estimate::{Distance, Estimate, Minimum, missed_by};
 use super::options::{FitOptions, Poses, Weighting, Weights};
 use super::surfels::{Surfels, normals, standing};
-use super::system::{Factor, System};
+use super::system::System;
 use super::viewpoint::{Viewpoint, corrected, information, returns_inside, scatter, viewpoints};
 use super::{FitError, Job, Observer, Progress, in_use, why_not};
 use crate::geometry::{Pose, Vec2};
@@ -65,10 +65,14 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
     };
     let mut cholesky = job.cholesky(&stencil)?;
     let severity = if calibrated { continuation::severity(scatter, lattice.resolution) } else { 0.0 };
-    let start = signed_nearest_return(lattice, &returns, &evidence, severity, &mut cholesky)?;
-    let weighing = match options.weighting {
-        Weighting::Paper => Weighing::Frozen(sightings::published_weights(&returns, &viewpoints, &start)),
-        Weighting::Calibrated => Weighing::Sampson,
+    // An end that is found again has no use for a start, but for weights that were frozen there.
+    let start = match job.end {
+        Some(_) if calibrated => None,
+        _ => Some(signed_nearest_return(lattice, &returns, &evidence, severity, &mut cholesky)?),
+    };
+    let weighing = match &start {
+        Some(start) if !calibrated => Weighing::Frozen(sightings::published_weights(&returns, &viewpoints, start)),
+        _ => Weighing::Sampson,
     };
     let sightings = Sightings::new(lattice, returns, viewpoints, weighing);
     sightings.views(lattice).check_size(1)?;
@@ -78,12 +82,12 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
     let mut objective =
         Objective::new(lattice.clone(), stencil.clone(), sightings, loss, weights.smoothing, cells, points);
 
-    let mut unknowns = start.coefficients;
+    let mut unknowns = start.map(|start| start.coefficients).unwrap_or_default();
     let (minimum, mut system) = match (job.ended(0), job.end) {
         (Some(coefficients), Some(end)) => {
             unknowns = coefficients;
             unknowns.extend(end.poses);
-            at_the_end(&mut objective, &mut cholesky, &unknowns, (loss, &weights))
+            at_the_end(&mut objective, &unknowns, (loss, &weights), end.positive_definite)
         }
         _ => {
             let mut descent =
@@ -129,16 +133,15 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
 /// Value and system where a fit ended before.
 fn at_the_end(
     objective: &mut Objective,
-    cholesky: &mut Cholesky,
     unknowns: &[f64],
     (loss, weights): (EikonalLoss, &Weights),
+    positive_definite: bool,
 ) -> (Minimum, System) {
     objective.reweigh(loss, weights.smoothing, weights.poses == Poses::Refined);
     let e = &unknowns[objective.lattice.len()..];
     let mut system = objective.system(e);
     let value = objective.assemble(unknowns, Curvature::EXACT, &mut system);
     let gradient_norm = largest(&system.gradient);
-    let positive_definite = Factor::factorise(&system, cholesky).is_ok();
     (Minimum { objective: value, gradient_norm, positive_definite, ..Minimum::default() }, system)
 }
 

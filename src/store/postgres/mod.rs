@@ -59,13 +59,14 @@ const SETTINGS: [(&str, &str); 8] = [
 ];
 
 /// Under `migrations/postgres`, from the first on.
-pub(super) const MIGRATIONS: [schema::File; 6] = [
+pub(super) const MIGRATIONS: [schema::File; 7] = [
     (1, "records", include_str!("../../../migrations/postgres/0001_records.sql")),
     (2, "lists and sweeps", include_str!("../../../migrations/postgres/0002_lists_and_sweeps.sql")),
     (3, "traces", include_str!("../../../migrations/postgres/0003_traces.sql")),
     (4, "groups", include_str!("../../../migrations/postgres/0004_groups.sql")),
     (5, "parts", include_str!("../../../migrations/postgres/0005_parts.sql")),
     (6, "rounds", include_str!("../../../migrations/postgres/0006_rounds.sql")),
+    (7, "releases", include_str!("../../../migrations/postgres/0007_releases.sql")),
 ];
 
 /// [`super::Records`] in a PostgreSQL database.
