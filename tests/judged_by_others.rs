@@ -80,6 +80,32 @@ fn map_server_reads_the_grid() {
     assert_eq!(fault["errors"][0]["parameter"], "mode");
 }
 
+/// Lines and bands as GeoJSON, and pictures as SVG, of either distance.
+#[test]
+fn shapely_and_svg_readers_find_the_contours() {
+    let data = tempfile::tempdir().unwrap();
+    let server = Server::start(data.path(), 1);
+    for distance in ["sdf", "vdf"] {
+        let files = tempfile::tempdir().unwrap();
+        let mut request = experiment_one(3);
+        request["map"]["distance"] = json!(distance);
+        let own = format!("/v1/maps/{}", server.map_of(&request));
+        let save = |name: &str, answer: support::Answer| {
+            assert_eq!(answer.status, 200, "{}", String::from_utf8_lossy(&answer.body));
+            std::fs::write(files.path().join(name), &answer.body).unwrap();
+            answer
+        };
+        let contours = save("contours.geojson", server.get(&format!("{own}/contours?sigma_band=2"))).json();
+        let lines = contours["features"][0]["geometry"]["coordinates"].as_array().unwrap();
+        let points: Vec<&serde_json::Value> = lines.iter().flat_map(|line| line.as_array().unwrap()).collect();
+        save("sigma.json", server.post(&format!("{own}/query"), &json!({"points": points, "fields": ["sigma"]})));
+        save("contours.svg", server.get(&format!("{own}/contours?sigma_band=2&format=svg&width=700")));
+        save("image.svg", server.get(&format!("{own}/image?format=svg&width=700")));
+        save("image.png", server.get(&format!("{own}/image?width=700")));
+        judge("contours.py", &[files.path().to_str().unwrap(), "700"]);
+    }
+}
+
 /// Rasters as arrays and as GeoTIFF, and a query by arrays, of either distance.
 #[test]
 fn rasterio_reads_the_rasters_and_a_query_says_the_same() {

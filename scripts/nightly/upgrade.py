@@ -109,8 +109,11 @@ class Rolling:
                 faults.append(f"{path}: {[answer.status for answer in answers]}, or not the same")
         self.ended = self.fitted()
         faults += [f"the {name} server ended no job" for name, count in self.ended.items() if count == 0]
-        if self.migrations[0] == self.migrations[1]:
-            faults.append("the schema is the same: there was nothing to show")
+        first, then, last = *self.migrations, self.schema()
+        if first == then or then != last:
+            faults.append(f"the worker did not bring the schema up to date: {first}, {then}, {last} migrations")
+        if not self.worker.alive():
+            faults.append("the worker has ended")
         if not self.older.terminate():
             faults.append("the older server does not end")
         for process in (self.older, self.newer, self.worker):

@@ -102,8 +102,8 @@ pub struct End<'a> {
     pub coefficients: &'a [&'a [f64]],
     /// [`Estimate::resume`].
     pub poses: &'a [f64],
-    /// Whether the Hessian was positive definite there.
-    pub positive_definite: bool,
+    /// Whether the Hessian was positive definite there, where that is known of this very point.
+    pub positive_definite: Option<bool>,
 }
 
 /// What is to be fitted.

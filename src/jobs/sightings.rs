@@ -37,10 +37,14 @@ impl Sightings {
         reader.concluded(read)
     }
 
+    /// Ranges of all scans.
+    pub fn ranges(&self) -> usize {
+        self.scans.iter().map(|own| own.scan.ranges.len()).sum()
+    }
+
     /// Whether it is answered in milliseconds.
     pub fn is_light(&self) -> bool {
-        let returns: usize = self.scans.iter().map(|own| own.scan.ranges.len()).sum();
-        self.motions.is_none() && returns <= FEW_RETURNS && self.scans.iter().all(|own| own.prior.is_some())
+        self.motions.is_none() && self.ranges() <= FEW_RETURNS && self.scans.iter().all(|own| own.prior.is_some())
     }
 }
 

@@ -153,15 +153,17 @@ impl<'a> Survey<'a> {
     pub fn resume_while(&self, map: &FittedMap, go_on: &dyn Fn() -> bool) -> Result<Estimate, SurveyError> {
         let (coefficients, poses) = map.resume_from();
         let reported: Vec<f64>;
+        let mut positive_definite = Some(map.report.positive_definite);
         let poses = match (poses, map.report.weights.poses) {
             // Maps of the first format do not say where their fit's last round began; their poses are next to it.
             ([], Poses::Refined) => {
+                positive_definite = None;
                 reported = pose_unknowns(self.scans, &self.noise, &map.poses)?;
                 &reported
             }
             (poses, _) => poses,
         };
-        let end = End { coefficients: &coefficients, poses, positive_definite: map.report.positive_definite };
+        let end = End { coefficients: &coefficients, poses, positive_definite };
         let lattice = map.lattice();
         Ok(fit::resume(self.scans, &self.noise, self.distance, lattice, &self.options, &self.team, (end, go_on))?)
     }

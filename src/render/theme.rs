@@ -123,7 +123,7 @@ pub(crate) fn shade(gradient: Gradient, t: f64) -> [u8; 3] {
     gradient.eval_continuous(if t.is_finite() { t.clamp(0.0, 1.0) } else { 0.0 }).as_array()
 }
 
-/// A ramp that many points ask: finer than a colour's eight bits can tell.
+/// A ramp that many points ask, a step of a colour's eight bits from it at most.
 pub(super) struct Ramp(Vec<[u8; 3]>);
 
 impl Ramp {

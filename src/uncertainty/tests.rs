@@ -215,7 +215,7 @@ fn a_fit_is_found_again_where_it_ended() {
     for (distance, poses) in Distance::ALL.into_iter().flat_map(|d| [(d, Poses::Fixed), (d, Poses::Refined)]) {
         let estimate = fitted(&scans, distance, &options(poses));
         let coefficients: Vec<&[f64]> = estimate.surfaces.iter().map(|s| s.coefficients.as_slice()).collect();
-        let positive_definite = estimate.minimum.positive_definite;
+        let positive_definite = Some(estimate.minimum.positive_definite);
         let end = End { coefficients: &coefficients, poses: &estimate.resume, positive_definite };
         let again =
             resume(&scans, &noise, distance, &lattice(), &options(poses), &Team::default(), (end, &|| true)).unwrap();

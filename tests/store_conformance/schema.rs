@@ -182,8 +182,10 @@ fn a_schema_is_brought_up_to_date_beside_those_who_write() {
             let new = url.clone();
             let opened = tokio::spawn(async move { PostgresStore::open(&new, 2).await.map(drop) });
             let mut observer = PgConnection::connect(&url).await.unwrap();
-            let waiting = "SELECT count(*) FROM pg_locks WHERE NOT granted AND locktype = 'relation'";
+            let waiting = "SELECT count(*) FROM pg_locks WHERE NOT granted AND locktype = 'relation' \
+                           AND database = (SELECT oid FROM pg_database WHERE datname = current_database())";
             while sqlx::query_scalar::<_, i64>(waiting).fetch_one(&mut observer).await.unwrap() == 0 {
+                assert!(!opened.is_finished(), "it waits for nobody");
                 tokio::time::sleep(Duration::from_millis(10)).await;
             }
             old.execute(write(order[1])).await.unwrap();

@@ -27,7 +27,7 @@ pub use start::{least_squares, signed_nearest_return};
 use super::estimate::{Distance, Estimate, Minimum, missed_by};
 use super::options::{FitOptions, Poses, Weighting, Weights};
 use super::surfels::{Surfels, normals, standing};
-use super::system::System;
+use super::system::{Factor, System};
 use super::viewpoint::{Viewpoint, corrected, information, returns_inside, scatter, viewpoints};
 use super::{FitError, Job, Observer, Progress, in_use, why_not};
 use crate::geometry::{Pose, Vec2};
@@ -87,9 +87,10 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
         (Some(coefficients), Some(end)) => {
             unknowns = coefficients;
             unknowns.extend(end.poses);
-            at_the_end(&mut objective, &unknowns, (loss, &weights), end.positive_definite)
+            at_the_end(&mut objective, &mut cholesky, &unknowns, (loss, &weights), end.positive_definite)
         }
-        _ => {
+        (None, Some(_)) => return Err(FitError::NotFinite),
+        (_, None) => {
             let mut descent =
                 Descent { objective: &mut objective, cholesky: &mut cholesky, weights: &weights, options };
             descent.run(&mut unknowns, loss, severity, observer)?
@@ -133,15 +134,17 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
 /// Value and system where a fit ended before.
 fn at_the_end(
     objective: &mut Objective,
+    cholesky: &mut Cholesky,
     unknowns: &[f64],
     (loss, weights): (EikonalLoss, &Weights),
-    positive_definite: bool,
+    known: Option<bool>,
 ) -> (Minimum, System) {
     objective.reweigh(loss, weights.smoothing, weights.poses == Poses::Refined);
     let e = &unknowns[objective.lattice.len()..];
     let mut system = objective.system(e);
     let value = objective.assemble(unknowns, Curvature::EXACT, &mut system);
     let gradient_norm = largest(&system.gradient);
+    let positive_definite = known.unwrap_or_else(|| Factor::factorise(&system, cholesky).is_ok());
     (Minimum { objective: value, gradient_norm, positive_definite, ..Minimum::default() }, system)
 }
 

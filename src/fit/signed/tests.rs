@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use super::*;
-use crate::fit::Factor;
+
 use crate::fit::fit as fit_any;
 use crate::scan::{LaserScan, Noise};
 use crate::sim::Scenario;

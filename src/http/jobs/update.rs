@@ -15,13 +15,17 @@ use super::record::JobBody;
 use super::schema::UpdateRequestBody;
 use super::submit::{Submitted, accept, idempotency_key, new_job, within_memory};
 use crate::http::shared::compute::{Leash, Queue};
-use crate::http::shared::kept::{most_unpacked, unpack};
+use crate::http::shared::kept::{most_unpacked, told, unpack};
 use crate::http::shared::negotiate::JSON;
 use crate::http::shared::params::Params;
 use crate::http::shared::problem::{Problem, Refused};
 use crate::http::shared::{AppState, Caller};
 use crate::jobs::{Fault, JobRequest, Limits, Lineage, MapRecord, Stored};
 use crate::store::NewJob;
+
+/// A parent's stored request no larger than this, packed and unpacked, is read where small bodies are.
+const SMALL: usize = 64 << 10;
+const LARGE: u64 = 1 << 20;
 
 /// Update a map with new scans.
 ///
@@ -52,13 +56,16 @@ pub async fn update_map(
     let mut params = Params::of(&uri);
     let dry_run = params.choice("dry_run", &[("false", false), ("true", true)]);
     let ((), body) = state.before(params.finish(), body)?;
-    let (record, body) = state.before(state.map_record(&caller, &id).await, body)?;
+    let ((record, packed), body) = state.before(parent(&state, &caller, &id).await, body)?;
     let received = state.read_body(&headers, body, &[JSON.media]).await?;
     let key = idempotency_key(&headers)?;
     let (limits, quota, budget) = (state.workshop.limits, state.limits.quota, state.workshop.rules.memory);
     let most = most_unpacked(budget);
-    let turn = state.compute.turn(Queue::Requests).await?;
-    let (packed, bytes) = turn.measured(parent(&state, &caller, &record).await?, most).await?;
+    let (turn, packed) = match packed {
+        Some(packed) => (state.compute.turn(received.queue()).await?, packed),
+        None => (state.compute.turn(Queue::Requests).await?, kept(&state, &caller, &record).await?),
+    };
+    let (packed, bytes) = turn.measured(packed, most).await?;
     if bytes > most {
         let detail =
             format!("what the map was formed from is more than {most} bytes, which is what is updated at once");
@@ -83,8 +90,17 @@ pub async fn update_map(
     accept(&state, NewJob { tenant: caller.tenant.to_string(), quota: Some(quota), ..new }).await
 }
 
+/// A map and, where it is small, what is kept of its job's request: what is large is read in a turn, so that nobody holds
+/// it who still sends his own.
+async fn parent(state: &AppState, caller: &Caller, id: &str) -> Result<(MapRecord, Option<Vec<u8>>), Problem> {
+    let record = state.map_record(caller, id).await?;
+    let packed = kept(state, caller, &record).await?;
+    let small = packed.len() <= SMALL && told(&packed).is_some_and(|bytes| bytes <= LARGE);
+    Ok((record, small.then_some(packed)))
+}
+
 /// What is kept of the request of a map's job, packed.
-async fn parent(state: &AppState, caller: &Caller, record: &MapRecord) -> Result<Vec<u8>, Problem> {
+async fn kept(state: &AppState, caller: &Caller, record: &MapRecord) -> Result<Vec<u8>, Problem> {
     let packed = state.workshop.records.request(&caller.tenant, &record.job_id).await?;
     packed.ok_or_else(|| {
         let detail = format!("the job {} and its request are gone, and with it the scans of the map", record.job_id);

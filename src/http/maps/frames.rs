@@ -45,22 +45,24 @@ pub async fn get_map_frames(request: MapRequest) -> Result<Response, Problem> {
     let packed = state.workshop.records.request(&wanted.caller.tenant, &record.job_id).await?;
     let packed =
         packed.ok_or_else(|| Problem::not_found("the map's job is gone, and with it what its frames are called"))?;
+    if map.frames.is_empty() {
+        return wanted.respond(to_json(&FramesBody { frames: Vec::new() })?);
+    }
     let limits = state.workshop.limits;
     let (packed, bytes) = turn.measured(packed, u64::MAX).await?;
     let held = state.may_unpack(&turn, bytes).await?;
     let tell = move |_: &_| {
         let _held = held;
-        let mut frames = Vec::new();
-        if !map.frames.is_empty() {
-            let stored = unpack(&packed)?;
-            let request = Stored::read(&stored).and_then(|stored| stored.request(&limits));
-            let request = request.map_err(|error| Problem::internal(&error))?;
-            for (map_id, pose, covariance) in request.joined.iter().flat_map(|joined| joined.frames(&map)) {
-                let covariance = std::array::from_fn(|k| covariance[(k / 3, k % 3)]);
-                frames.push(FrameBody { map_id: map_id.to_owned(), pose, covariance });
-            }
-        }
-        to_json(&FramesBody { frames })
+        let stored = unpack(&packed)?;
+        let request = Stored::read(&stored).and_then(|stored| stored.request(&limits));
+        let request = request.map_err(|error| Problem::internal(&error))?;
+        let frames = request.joined.iter().flat_map(|joined| joined.frames(&map));
+        let frames = frames.map(|(map_id, pose, covariance)| FrameBody {
+            map_id: map_id.to_owned(),
+            pose,
+            covariance: std::array::from_fn(|k| covariance[(k / 3, k % 3)]),
+        });
+        to_json(&FramesBody { frames: frames.collect() })
     };
     let body = turn.run(tell).await?;
     wanted.respond(body)

@@ -128,11 +128,14 @@ pub async fn localize_scans(
     let limits = state.workshop.limits;
     let read = move |_: &Leash| Ok(Sightings::parse(&received.unpack()?, &limits)?);
     let asked = state.compute.run(Queue::Requests, read).await?;
+    // Packed, it was counted by less than it is now.
+    let counted = state.hold(size_of::<f64>() * asked.ranges())?;
     // What takes seconds waits for its like, so that nobody who asks a little waits for it.
     let queue = if asked.is_light() { Queue::Answers } else { Queue::Heavy };
     let (turn, map, joint) = turn_with_joint(&state, &caller, &record, queue).await?;
     let kept = state.clone();
     let find = move |leash: &Leash| {
+        let _counted = counted;
         let go_on = || leash.holds();
         let _held = match queue {
             Queue::Heavy => Some(reserved(&kept, &joint, &asked, &go_on)?),

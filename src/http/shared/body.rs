@@ -142,6 +142,15 @@ impl Service {
         Ok(Received { raw, encoding, limit, media, _share: share })
     }
 
+    /// Counts what was read of a body and waits for its turn, as bodies are; 503 where there is no room.
+    pub fn hold(&self, bytes: usize) -> Result<Share, Problem> {
+        let mut share = self.bodies.none();
+        match self.bodies.grow(&mut share, bytes.saturating_sub(SMALL)) {
+            true => Ok(share),
+            false => Err(no_room()),
+        }
+    }
+
     /// What was found out before a body is read, and the body. One that will not be read is thrown away: the answer goes out
     /// at once, and the client, which may still be sending, sees it.
     pub fn before<T>(&self, outcome: Result<T, Problem>, body: Body) -> Result<(T, Body), Problem> {
@@ -220,12 +229,14 @@ async fn receive(
     }
     match (length > limit, crowded) {
         (true, _) => Err(too_large(limit)),
-        (_, true) => {
-            let detail = "the service holds as many bytes of requests as it may; try again".into();
-            Err(Problem { detail, ..Problem::of_status(StatusCode::SERVICE_UNAVAILABLE) })
-        }
+        (_, true) => Err(no_room()),
         _ => Ok(kept),
     }
+}
+
+fn no_room() -> Problem {
+    let detail = "the service holds as many bytes of requests as it may; try again".into();
+    Problem { detail, ..Problem::of_status(StatusCode::SERVICE_UNAVAILABLE) }
 }
 
 fn unpack(decoder: impl Read, limit: usize) -> Result<Bytes, Problem> {

@@ -20,6 +20,8 @@ pub enum Queue {
     Small,
     /// Requests being read that are large, or may be once they are unpacked.
     Requests,
+    /// Maps being loaded: a store that is slow keeps nobody from maps that are there.
+    Loading,
     /// Answers made from maps' arrays.
     Answers,
     /// Answers that form a fit's factors anew: seconds, and much memory, so one at a time.
@@ -30,6 +32,7 @@ pub enum Queue {
 pub struct Compute {
     small: Arc<Semaphore>,
     requests: Arc<Semaphore>,
+    loading: Arc<Semaphore>,
     answers: Arc<Semaphore>,
     heavy: Arc<Semaphore>,
     /// How long an answer may take, from the moment it is asked for.
@@ -80,7 +83,8 @@ impl Compute {
     pub fn new(patience: Duration) -> Self {
         let cores = std::thread::available_parallelism().map_or(2, |n| n.get());
         let permits = |count| Arc::new(Semaphore::new(count));
-        Self { small: permits(cores), requests: permits(cores), answers: permits(cores), heavy: permits(1), patience }
+        let [small, requests, loading, answers] = [cores; 4].map(permits);
+        Self { small, requests, loading, answers, heavy: permits(1), patience }
     }
 
     /// Runs work when its turn comes. It is told by a [`Leash`] whether to go on; past its time the answer is 503.
@@ -92,15 +96,26 @@ impl Compute {
         self.turn(queue).await?.run(work).await
     }
 
+    /// When the time of what is asked for now will be up.
+    pub fn until(&self) -> Instant {
+        Instant::now() + self.patience
+    }
+
     /// A turn, when it comes; 503 where that takes longer than an answer may.
     pub async fn turn(&self, queue: Queue) -> Result<Turn, Problem> {
+        self.turn_by(queue, self.until()).await
+    }
+
+    /// The same of a request whose time is counted already.
+    pub async fn turn_by(&self, queue: Queue, until: Instant) -> Result<Turn, Problem> {
         let permits = match queue {
             Queue::Small => &self.small,
             Queue::Requests => &self.requests,
+            Queue::Loading => &self.loading,
             Queue::Answers => &self.answers,
             Queue::Heavy => &self.heavy,
         };
-        let leash = Leash { left: Arc::default(), until: Instant::now() + self.patience };
+        let leash = Leash { left: Arc::default(), until };
         let _waiting = Waiting(leash.left.clone());
         // The semaphores are never closed, so a permit always comes.
         let permit = tokio::time::timeout_at(leash.until.into(), permits.clone().acquire_owned()).await;
@@ -113,6 +128,11 @@ impl Turn {
     /// When its time is up.
     pub fn until(&self) -> Instant {
         self.leash.until
+    }
+
+    /// Waits for others as long as an answer may take.
+    pub async fn within<T>(&self, others: impl Future<Output = T>) -> Result<T, Problem> {
+        tokio::time::timeout_at(self.until().into(), others).await.map_err(|_| Problem::too_slow())
     }
 
     /// Runs work, as [`Compute::run`] does.
@@ -179,5 +199,18 @@ mod tests {
             Ok(())
         });
         assert_eq!(slow.await.unwrap_err().status, StatusCode::SERVICE_UNAVAILABLE);
+    }
+
+    #[tokio::test]
+    async fn a_turn_is_taken_until_what_was_begun_in_it_has_ended() {
+        let compute = Compute::new(Duration::from_millis(400));
+        let (end, ends) = std::sync::mpsc::channel::<()>();
+        let deaf = compute.run(Queue::Heavy, move |_| Ok(ends.recv().is_ok()));
+        drop(tokio::time::timeout(Duration::from_millis(50), deaf).await);
+        let next = compute.turn(Queue::Heavy).await;
+        assert_eq!(next.err().unwrap().status, StatusCode::SERVICE_UNAVAILABLE, "its client left, and it still runs");
+        assert!(compute.turn(Queue::Answers).await.is_ok());
+        end.send(()).unwrap();
+        assert!(compute.turn(Queue::Heavy).await.is_ok());
     }
 }

@@ -1,8 +1,8 @@
 //! What is kept of jobs' requests, unpacked: joins and updates begin with it.
 //!
 //! A request of megabytes of spaces is kept in a kilobyte, and a join may name a map many times: what all of it comes
-//! to is asked before any of it is unpacked, and is bounded by what the service may hold. That bound is one for all who
-//! are at it: others wait in their turns.
+//! to is asked before any of it is unpacked, and is bounded by what the service may hold. That bound is one for all new
+//! requests that are at it: others wait in their turns.
 
 use std::io::Read;
 
@@ -34,7 +34,8 @@ impl Turn {
     }
 }
 
-fn told(packed: &[u8]) -> Option<u64> {
+/// The bytes of a kept request, where its frame says them.
+pub fn told(packed: &[u8]) -> Option<u64> {
     zstd::zstd_safe::get_frame_content_size(packed).ok().flatten()
 }
 

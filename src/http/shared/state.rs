@@ -1,7 +1,7 @@
 //! What every handler shares.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
@@ -47,7 +47,7 @@ pub struct Service {
     pub rates: Rates,
     keyed: Keyed,
     maps: Cache<FittedMap>,
-    /// One of them is held while a map is loaded, which by its id: many who ask for one at once load it once.
+    /// One of them is held while a map is loaded, which by its id.
     loading: [tokio::sync::Mutex<()>; STRIPES],
     /// By map: what blocks of its covariance are formed from.
     pub joints: Cache<Joint>,
@@ -136,21 +136,31 @@ impl Service {
         record.ok_or_else(|| Problem::not_found(format!("there is no map {id}")))
     }
 
-    /// A turn, and within it a map: whoever waits for a turn holds no map. Small questions never wait while one is
-    /// loaded: that is done in a turn of its own.
+    /// A turn, and within it a map. Whoever waits for a turn holds no map: where it was thrown out meanwhile it is loaded
+    /// once more. Small questions wait so little that they do, and never load one in a turn of theirs.
     pub async fn turn_with(&self, queue: Queue, record: &MapRecord) -> Result<(Turn, Arc<FittedMap>), Problem> {
-        let turn = self.compute.turn(queue).await?;
-        if let Some(map) = self.maps.get(&record.id) {
-            return Ok((turn, map));
-        }
-        drop(turn);
-        let loading = tokio::time::timeout(self.limits.patience, self.loading[stripe(&record.id)].lock());
-        let _loading = loading.await.map_err(|_| Problem::too_slow())?;
-        let loads = if queue == Queue::Small { Queue::Answers } else { queue };
-        let turn = self.compute.turn(loads).await?;
-        let map = self.load(&turn, record).await?;
-        let turn = if loads == queue { turn } else { self.compute.turn(queue).await? };
+        let until = self.compute.until();
+        let loaded = match self.maps.get(&record.id) {
+            Some(_) => None,
+            None => Some(self.load_once(record, until).await?),
+        };
+        let held = loaded.filter(|_| queue == Queue::Small);
+        let turn = self.compute.turn_by(queue, until).await?;
+        let map = match held {
+            Some(map) => map,
+            None => self.load(&turn, record).await?,
+        };
         Ok((turn, map))
+    }
+
+    /// Many who ask for one map at once load it once.
+    async fn load_once(&self, record: &MapRecord, until: Instant) -> Result<Arc<FittedMap>, Problem> {
+        let loading = tokio::time::timeout_at(until.into(), self.loading[stripe(&record.id)].lock());
+        let _loading = loading.await.map_err(|_| Problem::too_slow())?;
+        if let Some(map) = self.maps.get(&record.id) {
+            return Ok(map);
+        }
+        self.load(&self.compute.turn_by(Queue::Loading, until).await?, record).await
     }
 
     /// A map's arrays, from memory or, within a turn, from its artifacts.
@@ -158,7 +168,8 @@ impl Service {
         if let Some(map) = self.maps.get(&record.id) {
             return Ok(map);
         }
-        let bytes = self.workshop.artifacts.get(&record.prefix, MAP_FILE, record.sha256.as_deref()).await?;
+        let bytes = self.workshop.artifacts.get(&record.prefix, MAP_FILE, record.sha256.as_deref());
+        let bytes = turn.within(bytes).await??;
         let map = turn.run(move |_| Ok(Arc::new(FittedMap::from_npz(&bytes)?))).await?;
         self.maps.keep(&record.id, map.clone(), map.held_bytes());
         Ok(map)
