@@ -19,11 +19,11 @@ import statistics
 import sys
 import tempfile
 import time
-import uuid
 from pathlib import Path
 
 from jobs import rooms
 from service.bar import Bar
+from service.copies import copy_job, copy_map, maps_of, new_id
 from service.process import Server
 
 WITHIN = 2.0
@@ -59,46 +59,21 @@ def fitted(server: Server) -> None:
 def copied(data: Path, jobs: int) -> list[str]:
     """Copies rows and files until there are so many jobs with maps; the ids of all maps."""
     database = sqlite3.connect(data / "mapfit.sqlite")
-    database.row_factory = sqlite3.Row
-    originals = database.execute(
-        "SELECT jobs.id AS job, maps.id AS map, maps.prefix AS prefix FROM maps JOIN jobs ON jobs.id = maps.job_id"
-    ).fetchall()
+    originals = maps_of(database)
     maps = [row["map"] for row in originals]
     bar = Bar("copies", jobs + WAITING)
     for k in range(jobs + WAITING - len(originals)):
-        original, waits = originals[k % len(originals)], k < WAITING
-        job, one_map = _id(k), _id(1_000_000 + k)
-        changes = {"id": job, "map_id": None if waits else one_map}
-        if waits:
-            changes |= {"status": "accepted", "attempt": 0, "started": None, "finished": None}
-        _copy(database, "jobs", original["job"], changes)
-        database.execute(
-            "INSERT INTO requests (job_id, request) SELECT ?, request FROM requests WHERE job_id = ?",
-            (job, original["job"]),
-        )
-        if not waits:
-            prefix = original["prefix"].replace(original["job"], job)
-            _copy(database, "maps", original["map"], {"id": one_map, "job_id": job, "prefix": prefix})
-            shutil.copytree(data / "artifacts" / original["prefix"], data / "artifacts" / prefix)
-            maps.append(one_map)
+        original = originals[k % len(originals)]
+        if k < WAITING:
+            waiting = {"id": new_id(k), "map_id": None, "status": "accepted", "attempt": 0}
+            copy_job(database, original["job"], waiting | {"started": None, "finished": None})
+        else:
+            maps.append(copy_map(database, data / "artifacts", original, k, shutil.copy))
         bar.at(k)
     database.commit()
     database.close()
     bar.end()
     return maps
-
-
-def _id(number: int) -> str:
-    """A UUID of version 7 whose time is now, near enough."""
-    milliseconds = int(time.time() * 1000)
-    return str(uuid.UUID(int=milliseconds << 80 | 7 << 76 | 2 << 62 | number))
-
-
-def _copy(database: sqlite3.Connection, table: str, original: str, changes: dict) -> None:
-    row = dict(database.execute(f"SELECT * FROM {table} WHERE id = ?", (original,)).fetchone()) | changes
-    columns = ", ".join(row)
-    marks = ", ".join("?" * len(row))
-    database.execute(f"INSERT INTO {table} ({columns}) VALUES ({marks})", tuple(row.values()))
 
 
 def starts(server: Server, maps: list[str], kills: int) -> tuple[list[float], list[str]]:

@@ -33,7 +33,9 @@ assert inside > 0.97, f"{inside:.3f} of the level lies in its band"
 asked = json.loads((folder / "sigma.json").read_text())
 sigma = np.array(asked["sigma"], dtype=float)
 width = around.area / level.length
-assert 0.5 < width / (4 * np.nanmedian(sigma)) < 2.0, f"the band is {width:.4f} m wide, sigma {np.nanmedian(sigma):.4f} m"
+assert 0.5 < width / (4 * np.nanmedian(sigma)) < 2.0, (
+    f"the band is {width:.4f} m wide, sigma {np.nanmedian(sigma):.4f} m"
+)
 
 
 def drawing(name):

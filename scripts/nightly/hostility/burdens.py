@@ -146,3 +146,46 @@ def endless_evidence(stage: Stage) -> list[str]:
     return (
         [] if answer["status"] == "successful" else [f"20 s after its cancellation a small job is {answer['status']}"]
     )
+
+
+def cold_maps(stage: Stage) -> list[str]:
+    """Pictures of, and blocks and points in, two dozen large maps that nobody has loaded, at once: 2 GiB of them."""
+    asked = [
+        ("GET", "image?width=400", None),
+        ("GET", "covariance?form=block&i0=9&j0=9&ni=4&nj=4", None),
+        ("POST", "query", {"points": [[1.0, 1.0]]}),
+    ]
+    seen: list[int] = []
+
+    def one(number: int, complaints: list[str]) -> None:
+        method, path, body = asked[number % len(asked)]
+        own = f"/v1/maps/{stage.others[number // len(asked)]}/{path}"
+        try:
+            answer = Connection(stage.port, 120.0).ask(method, own, body)
+            judge(complaints, f"{path} of a cold map", answer, (200, 429, 503))
+            seen.append(answer.status)
+        except OSError as error:
+            complaints.append(f"{path} of a cold map: {error}")
+
+    complaints = together(len(asked) * len(stage.others), one)
+    if seen.count(200) < len(stage.others):
+        complaints.append(f"{seen.count(200)} of {len(seen)} were answered")
+    return complaints
+
+
+def lost_scans(stage: Stage) -> list[str]:
+    """60 questions of some kilobytes where 1,000 scans of 9,000 beams were taken: they wait for the one who is at it."""
+    scan = {"angle_min": 0.0, "angle_increment": 0.0005, "range_min": 0.05, "range_max": 30.0, "pose": None}
+    scan |= {"ranges": [2] * 9_000}
+    noise = rooms.job(1)["noise"]
+    body = gzip.compress(json.dumps({"scans": [scan] * 1_000, "noise": noise}).encode(), 9)
+
+    def one(_: int, complaints: list[str]) -> None:
+        try:
+            own = f"/v1/maps/{stage.large}/localize"
+            answer = Connection(stage.port, 120.0).ask("POST", own, body, {"content-encoding": "gzip"})
+            judge(complaints, "lost scans", answer, (200, 413, 422, 429, 503))
+        except OSError as error:
+            complaints.append(f"lost scans: {error}")
+
+    return together(60, one)

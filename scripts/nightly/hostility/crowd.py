@@ -5,8 +5,10 @@ of the ordinary client successful, and the process ends by itself after SIGTERM.
 """
 
 import argparse
+import os
 import resource
 import shutil
+import sqlite3
 import threading
 import time
 from collections.abc import Iterator
@@ -14,6 +16,7 @@ from pathlib import Path
 
 from service.bar import Bar
 from service.cgroup import MemoryLimit
+from service.copies import copy_map, maps_of
 from service.process import Server
 
 from .ordinary import Ordinary
@@ -25,6 +28,8 @@ LIVEZ_P99_MS = 50.0
 POST_P99_MS = 1000.0
 # Three may be busy with what is large; one is left for others.
 WORKERS = 4
+# Of the large map.
+COPIES = 24
 
 
 def run(options: argparse.Namespace, folder: Path) -> Iterator[tuple[str, dict]]:
@@ -33,10 +38,11 @@ def run(options: argparse.Namespace, folder: Path) -> Iterator[tuple[str, dict]]
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 20_000), hard))
     data, large = _with_large_map(options, folder)
+    others = _with_copies(data)
     chosen = options.rows.split(",") if options.rows else [*ROWS, *BEYOND, "all"]
     for name in ["quiet", *chosen]:
         rows = {"quiet": [], "all": list(ROWS)}.get(name, [name])
-        yield name, _scene(options, folder, data, large, name, rows)
+        yield name, _scene(options, folder, data, (large, others), name, rows)
 
 
 def _with_large_map(options: argparse.Namespace, folder: Path) -> tuple[Path, str]:
@@ -57,10 +63,28 @@ def _with_large_map(options: argparse.Namespace, folder: Path) -> tuple[Path, st
         server.kill()
 
 
-def _scene(options: argparse.Namespace, folder: Path, data: Path, large: str, name: str, rows: list[str]) -> dict:
+def _with_copies(data: Path) -> list[str]:
+    """Copies of the large map in the same folder; their files are the same."""
+    database = sqlite3.connect(data / "mapfit.sqlite")
+    original = maps_of(database)[0]
+    ids = [copy_map(database, data / "artifacts", original, number, os.link) for number in range(COPIES)]
+    database.commit()
+    database.close()
+    return ids
+
+
+def _linked(source: str, target: str) -> None:
+    """A copy of a file: an artifact is never written over."""
+    (os.link if source.endswith(".npz") else shutil.copy2)(source, target)
+
+
+Maps = tuple[str, list[str]]
+
+
+def _scene(options: argparse.Namespace, folder: Path, data: Path, maps: Maps, name: str, rows: list[str]) -> dict:
     """Some rows against a fresh server on a copy of the data."""
     own = folder / f"row-{name}"
-    shutil.copytree(data, own)
+    shutil.copytree(data, own, copy_function=_linked)
     limit = MemoryLimit(MEMORY, f"mapfit-{name}")
     server = Server(options.binary, own, WORKERS, options.server_args.split(), enter=limit.enter)
     server.start()
@@ -68,7 +92,7 @@ def _scene(options: argparse.Namespace, folder: Path, data: Path, large: str, na
     failures: list[str] = []
     try:
         server.until_ready()
-        seen, failures = _crowd(options, server, large, name, rows)
+        seen, failures = _crowd(options, server, maps, name, rows)
         peak = server.peak_memory()
         alive = server.alive()
         if alive and not server.terminate(30.0):
@@ -88,10 +112,10 @@ def _scene(options: argparse.Namespace, folder: Path, data: Path, large: str, na
 
 
 def _crowd(
-    options: argparse.Namespace, server: Server, large: str, name: str, rows: list[str]
+    options: argparse.Namespace, server: Server, maps: Maps, name: str, rows: list[str]
 ) -> tuple[dict, list[str]]:
     """Lets the rows loose for a while; what the ordinary client saw, and what the rows complain of."""
-    stage = Stage(server.port, large, threading.Event(), server.cpu_seconds, len(rows) == 1)
+    stage = Stage(server.port, *maps, threading.Event(), server.cpu_seconds, len(rows) == 1)
     complaints: list[str] = []
 
     def act(row: str) -> None:

@@ -23,4 +23,6 @@ BEYOND: dict[str, Row] = {
     "members": burdens.members,
     "npy-nests": burdens.npy_nests,
     "endless-evidence": burdens.endless_evidence,
+    "cold-maps": burdens.cold_maps,
+    "lost-scans": burdens.lost_scans,
 }

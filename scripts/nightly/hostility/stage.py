@@ -15,6 +15,8 @@ class Stage:
     port: int
     #: A map of 447 x 447 control points.
     large: str
+    #: Copies of it, under ids of their own.
+    others: list[str]
     #: Whether it is time to leave.
     over: threading.Event
     #: What the server has spent so far.
