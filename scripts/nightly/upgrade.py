@@ -49,6 +49,7 @@ class Rolling:
         self.records = records
         self.older = Server(options.older, data, 1, database)
         self.newer = Server(options.binary, data, 1, database)
+        self.newer.log = folder / "newer.log"
         more = ["--data", data, "--workers", 1, "--log", "warn", *database]
         self.worker = Process([options.binary, "worker", *more], folder / "worker.log")
         self.jobs: list[str] = []
