@@ -22,6 +22,13 @@ fn judge(script: &str, arguments: &[&str]) {
     assert!(output.status.success(), "{}", said.concat());
 }
 
+/// An answer, kept as a file for its judge.
+fn saved(answer: support::Answer, file: &Path) -> support::Answer {
+    assert_eq!(answer.status, 200, "{}", String::from_utf8_lossy(&answer.body));
+    std::fs::write(file, &answer.body).unwrap();
+    answer
+}
+
 #[test]
 fn scipy_reads_the_arrays_and_finds_them_consistent() {
     let data = tempfile::tempdir().unwrap();
@@ -32,11 +39,7 @@ fn scipy_reads_the_arrays_and_finds_them_consistent() {
         request["map"]["distance"] = json!(distance);
         request["fit"] = json!({"poses": poses});
         let own = format!("/v1/maps/{}", server.map_of(&request));
-        let save = |name: &str, path: &str| {
-            let answer = server.get(&format!("{own}/{path}"));
-            assert_eq!(answer.status, 200, "{path}");
-            std::fs::write(files.path().join(name), answer.body).unwrap();
-        };
+        let save = |name: &str, path: &str| saved(server.get(&format!("{own}/{path}")), &files.path().join(name));
         save("coefficients.npz", "coefficients?format=npz");
         save("coefficients.json", "coefficients");
         save("factors.npz", "covariance?form=factors");
@@ -62,9 +65,7 @@ fn map_server_reads_the_grid() {
     let own = format!("/v1/maps/{}", server.map_of(&experiment_one(1)));
     for resolution in ["0.05", "0.13", "0.2", "0.5"] {
         let save = |name: String, query: &str| {
-            let answer = server.get(&format!("{own}/ogm?resolution={resolution}&{query}"));
-            assert_eq!(answer.status, 200, "{}", String::from_utf8_lossy(&answer.body));
-            std::fs::write(files.path().join(name), answer.body).unwrap();
+            saved(server.get(&format!("{own}/ogm?resolution={resolution}&{query}")), &files.path().join(name))
         };
         save("ogm.json".into(), "format=json");
         save("ogm.png".into(), "format=png");
@@ -90,11 +91,7 @@ fn shapely_and_svg_readers_find_the_contours() {
         let mut request = experiment_one(3);
         request["map"]["distance"] = json!(distance);
         let own = format!("/v1/maps/{}", server.map_of(&request));
-        let save = |name: &str, answer: support::Answer| {
-            assert_eq!(answer.status, 200, "{}", String::from_utf8_lossy(&answer.body));
-            std::fs::write(files.path().join(name), &answer.body).unwrap();
-            answer
-        };
+        let save = |name: &str, answer: support::Answer| saved(answer, &files.path().join(name));
         let contours = save("contours.geojson", server.get(&format!("{own}/contours?sigma_band=2"))).json();
         let lines = contours["features"][0]["geometry"]["coordinates"].as_array().unwrap();
         let points: Vec<&serde_json::Value> = lines.iter().flat_map(|line| line.as_array().unwrap()).collect();
@@ -116,10 +113,7 @@ fn rasterio_reads_the_rasters_and_a_query_says_the_same() {
         let mut request = experiment_one(3);
         request["map"]["distance"] = json!(distance);
         let own = format!("/v1/maps/{}", server.map_of(&request));
-        let save = |name: &str, answer: support::Answer| {
-            assert_eq!(answer.status, 200, "{}", String::from_utf8_lossy(&answer.body));
-            std::fs::write(files.path().join(name), answer.body).unwrap();
-        };
+        let save = |name: &str, answer: support::Answer| saved(answer, &files.path().join(name));
         save("grid.npz", server.get(&format!("{own}/grid?resolution=0.13")));
         save("grid.tif", server.send("GET", &format!("{own}/grid?resolution=0.13"), &[("accept", "image/tiff")], None));
         let folder = files.path().to_str().unwrap();

@@ -3,7 +3,6 @@
 use std::ops::ControlFlow;
 
 use super::*;
-
 use crate::fit::fit as fit_any;
 use crate::scan::{LaserScan, Noise};
 use crate::sim::Scenario;

@@ -43,7 +43,7 @@ impl VectorInputs {
         let lattice = self.lattice();
         let placed = self.surfels.all.iter().map(|surfel| {
             let at = lattice.locate_or_extend(surfel.anchor);
-            Placed { surfel, support: lattice.support(at.cell), row: lattice.row(&at).value }
+            Placed { surfel, support: lattice.support(at.cell), row: lattice.value_row(&at) }
         });
         placed.filter(|own| self.stencil.is_active_cell(own.support[0]))
     }

@@ -85,6 +85,7 @@ pub async fn get_job_request(
     uri: Uri,
 ) -> Result<Response, Problem> {
     Params::of(&uri).finish()?;
+    // Nobody waits for his turn to hear that there is no such job.
     let _ = state.job(&caller, &id).await?;
     let turn = state.compute.turn(Queue::Requests).await?;
     let compressed = state.workshop.records.request(&caller.tenant, &id).await?;

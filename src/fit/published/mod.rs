@@ -12,23 +12,23 @@
 //! Levenberg-Marquardt with Gauss-Newton's block of either; in the covariance the returns and poses that both answer to
 //! tie them. Kept for comparison; it ends farther from the truth than it starts.
 
-use nalgebra::{Matrix3, Vector3};
+mod inputs;
+
 use rstar::RTree;
 
+use self::inputs::PublishedInputs;
 use super::collocation::{gauss, thin_plate};
-use super::estimate::{Distance, Estimate, HELD, Input, Inputs, Minimum, missed_by};
-use super::gauge::Motions;
+use super::estimate::{Distance, Estimate, Minimum, missed_by};
 use super::options::{FitOptions, Poses, Weighting, Weights};
 use super::signed::{largest, least_squares};
 use super::surfels::normals;
-use super::system::System;
 use super::vector::DEFAULT_BAND;
-use super::viewpoint::{Viewpoint, information, onto_one_to_two, range_sigma, returns_inside, viewpoints};
+use super::viewpoint::{information, onto_one_to_two, range_sigma, returns_inside, viewpoints};
 use super::{FitError, Job, Observer, Progress, in_use};
 use crate::geometry::Vec2;
 use crate::scan::Return;
-use crate::sparse::{CellBlock, Cholesky, Pattern, SparseError, Stencil, StencilMatrix, Views};
-use crate::spline::{BasisRow, Lattice, SUPPORT, Surface, dot, gather};
+use crate::sparse::{CellBlock, Cholesky, SparseError, Stencil, StencilMatrix};
+use crate::spline::{BasisRow, Lattice, SUPPORT, dot, gather};
 
 /// The thin-plate weight where the request has none: the Eikonal term says nothing of the component across `V`.
 const SMOOTHING: f64 = 1e-3;
@@ -104,69 +104,6 @@ pub(super) fn fit(job: &Job<'_>, observer: Observer<'_>) -> Result<Estimate, Fit
     })
 }
 
-/// `B = d2f / dc dinputs = 2 rho_o (grad V B + V grad B) . dX` at every return, with `dX` its change by its range's
-/// standard deviation or along a column of its pose's covariance root.
-struct PublishedInputs {
-    field: [Surface; 2],
-    stencil: std::sync::Arc<Stencil>,
-    returns: Vec<Return>,
-    trust: Vec<f64>,
-    viewpoints: Vec<Viewpoint>,
-}
-
-impl PublishedInputs {
-    /// Calls back with every return in use: its cell's control points, and the derivatives by a change of its place.
-    fn for_each_return(&self, mut each: impl FnMut(&Return, [usize; SUPPORT], &dyn Fn(Vec2) -> [[f64; SUPPORT]; 2])) {
-        let lattice = &self.field[0].lattice;
-        for (seen, trust) in self.returns.iter().zip(&self.trust) {
-            let at = lattice.locate_or_extend(seen.point);
-            let support = lattice.support(at.cell);
-            if !self.stencil.is_active_cell(support[0]) {
-                continue;
-            }
-            let row = lattice.row(&at);
-            let jets = [self.field[0].jet_at(&at), self.field[1].jet_at(&at)];
-            each(seen, support, &|dx: Vec2| {
-                jets.map(|jet| {
-                    let slope = jet.gradient.dot(&dx);
-                    std::array::from_fn(|k| {
-                        2.0 * trust * (slope * row.value[k] + jet.value * (row.dx[k] * dx.x + row.dy[k] * dx.y))
-                    })
-                })
-            });
-        }
-    }
-
-    /// Gauss-Newton's blocks with the poses as unknowns that do not move.
-    fn system(&self, hessians: &[StencilMatrix; 2]) -> System {
-        let poses = self.viewpoints.len();
-        let mut pairs = Vec::new();
-        self.for_each_return(|seen, support, _| pairs.extend(support.map(|point| (seen.scan, point))));
-        let pattern = Pattern::new(self.stencil.clone(), 2, Views::of(poses, pairs));
-        let mut system = System::zeros(pattern, Motions::none(3 * poses));
-        (0..2).for_each(|k| system.hessian.add_diagonal_block(k, &hessians[k].values, 1.0));
-        (0..poses).for_each(|pose| system.hessian.add_pose(pose, &(Matrix3::identity() * HELD)));
-        self.for_each_return(|seen, support, by| {
-            let moved = seen.by_pose() * self.viewpoints[seen.scan].root;
-            let by_pose = [0, 1, 2].map(|a| by(moved.column(a).into()));
-            (0..2).for_each(|axis| {
-                let own = |at: usize| Vector3::from_fn(|a, _| by_pose[a][axis][at]);
-                system.hessian.add_coupling((axis, seen.scan), &support, own);
-            });
-        });
-        system
-    }
-}
-
-impl Inputs for PublishedInputs {
-    fn for_each(&self, each: &mut dyn FnMut(&Input<'_>)) {
-        self.for_each_return(|seen, support, by| {
-            let sigma = self.viewpoints[seen.scan].noise.range_variance.sqrt();
-            each(&Input { first: support[0], by_control_points: by(seen.direction * sigma), by_poses: &[] });
-        });
-    }
-}
-
 /// The least-squares spline of the vector from the nearest return.
 fn nearest_return_field(
     lattice: &Lattice,
@@ -215,7 +152,7 @@ impl<'a> Published<'a> {
         let rows = side.iter().flat_map(|&(w, _)| side.iter().map(move |&(t, _)| BasisRow::at(t, w, h))).collect();
         let place = |(seen, &trust): (&Return, &f64)| {
             let at = lattice.locate_or_extend(seen.point);
-            in_use(&at.cell).then(|| (lattice.row(&at).value, lattice.support(at.cell), trust))
+            in_use(&at.cell).then(|| (lattice.value_row(&at), lattice.support(at.cell), trust))
         };
         Self {
             lattice,
@@ -370,6 +307,7 @@ mod tests {
     use super::*;
     use crate::geometry::Bounds;
     use crate::sim::Scenario;
+    use crate::sparse::Pattern;
 
     #[test]
     fn the_gradient_agrees_with_central_differences() {
